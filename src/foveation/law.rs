@@ -1,0 +1,1 @@
+//! Laws of sample density over the image.

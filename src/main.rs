@@ -1,0 +1,2 @@
+//! foveate: see `foveate --help`.
+fn main() {}

@@ -1,0 +1,93 @@
+//! What one eye sees: a pose, a field of view and a number of pixels.
+
+use glam::{DVec2, DVec3};
+
+use super::pose::Pose;
+
+/// A field of view as the tangents of its four half angles, like OpenXR's `XrFovf` but signed.
+///
+/// `left` and `down` are negative for a view that holds its own axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldOfView {
+    /// Tangent of the angle to the left edge.
+    pub left: f64,
+    /// Tangent of the angle to the right edge.
+    pub right: f64,
+    /// Tangent of the angle to the upper edge.
+    pub up: f64,
+    /// Tangent of the angle to the lower edge.
+    pub down: f64,
+}
+
+impl FieldOfView {
+    /// A symmetric field of view from its vertical angle in radians and its aspect, width / height.
+    pub fn symmetric(vertical: f64, aspect: f64) -> Self {
+        let up = (vertical * 0.5).tan();
+        FieldOfView { left: -up * aspect, right: up * aspect, up, down: -up }
+    }
+}
+
+/// One view: pixels (x, y) count from the upper left corner, as in Vulkan and PNG.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Where the eye is in the world; it looks along its -Z.
+    pub world_from_eye: Pose,
+    /// What it sees.
+    pub fov: FieldOfView,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+impl View {
+    /// Number of pixels.
+    pub fn pixels(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// The eye-space direction through a point of the image in pixels, with z = -1: not normalised.
+    ///
+    /// Pixel centres are at halves: the first pixel's is (0.5, 0.5).
+    pub fn eye_direction(&self, pixel: DVec2) -> DVec3 {
+        let u = pixel.x / f64::from(self.width);
+        let v = pixel.y / f64::from(self.height);
+        let x = self.fov.left + (self.fov.right - self.fov.left) * u;
+        let y = self.fov.up + (self.fov.down - self.fov.up) * v;
+        DVec3::new(x, y, -1.0)
+    }
+
+    /// The image point in pixels of an eye-space point; `None` behind the eye.
+    pub fn project(&self, point: DVec3) -> Option<DVec2> {
+        if point.z >= 0.0 {
+            return None;
+        }
+        let (x, y) = (point.x / -point.z, point.y / -point.z);
+        let u = (x - self.fov.left) / (self.fov.right - self.fov.left);
+        let v = (y - self.fov.up) / (self.fov.down - self.fov.up);
+        Some(DVec2::new(u * f64::from(self.width), v * f64::from(self.height)))
+    }
+
+    /// The point of the image, in 0..1, where the eye's own axis meets it: a gaze at rest.
+    pub fn optical_centre(&self) -> DVec2 {
+        let x = -self.fov.left / (self.fov.right - self.fov.left);
+        let y = self.fov.up / (self.fov.up - self.fov.down);
+        DVec2::new(x, y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn projection_undoes_direction() {
+        let fov = FieldOfView { left: -1.8, right: 1.3, up: 1.9, down: -1.7 };
+        let view = View { world_from_eye: Pose::IDENTITY, fov, width: 640, height: 800 };
+        let pixel = DVec2::new(13.5, 700.25);
+        let there = view.project(view.eye_direction(pixel) * 7.0).unwrap();
+        assert!((there - pixel).length() < 1e-9);
+        let centre = view.optical_centre() * DVec2::new(640.0, 800.0);
+        assert!((view.eye_direction(centre) - DVec3::NEG_Z).length() < 1e-12);
+    }
+}

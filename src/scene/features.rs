@@ -1,0 +1,51 @@
+//! What a scene requires of the kernels: one pure function, a handful of flags.
+
+use super::{AlphaMode, Environment, Scene};
+
+/// Kernel features; each becomes `-D NAME=0|1`, and buffers exist only for those that are on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
+pub struct Features {
+    /// Some material reads a texture.
+    pub textures: bool,
+    /// Some material has a normal map.
+    pub normal_maps: bool,
+    /// Some material is MASK or BLEND, so a hit may be a miss.
+    pub alpha: bool,
+    /// Some material emits or is unlit.
+    pub emission: bool,
+    /// There are vertex colours.
+    pub vertex_colors: bool,
+    /// There are punctual lights.
+    pub lights: bool,
+    /// The environment has a sun of its own.
+    pub sun: bool,
+}
+
+impl Features {
+    /// What `scene` under `environment` requires.
+    pub fn required_by(scene: &Scene, environment: &Environment) -> Self {
+        let any = |f: &dyn Fn(&super::Material) -> bool| scene.materials.iter().any(f);
+        Features {
+            textures: !scene.textures.is_empty(),
+            normal_maps: any(&|m| m.normal_texture.is_some()),
+            alpha: any(&|m| m.alpha != AlphaMode::Opaque),
+            emission: any(&|m| m.emissive != glam::Vec3::ZERO || m.unlit),
+            vertex_colors: !scene.mesh.colors.is_empty(),
+            lights: !scene.lights.is_empty(),
+            sun: environment.sun.is_some(),
+        }
+    }
+
+    /// Every feature with its kernel name, in a fixed order.
+    pub fn defines(&self) -> [(&'static str, bool); 7] {
+        [
+            ("HAS_TEXTURES", self.textures),
+            ("HAS_NORMAL_MAPS", self.normal_maps),
+            ("HAS_ALPHA", self.alpha),
+            ("HAS_EMISSION", self.emission),
+            ("HAS_VERTEX_COLORS", self.vertex_colors),
+            ("HAS_LIGHTS", self.lights),
+            ("HAS_SUN", self.sun),
+        ]
+    }
+}

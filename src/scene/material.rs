@@ -1,0 +1,85 @@
+//! glTF's metallic-roughness material, as the kernels need it.
+
+use glam::{Mat2, Vec2, Vec3, Vec4};
+
+/// A use of a texture by a material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureRef {
+    /// Index into [`crate::scene::Scene::textures`].
+    pub texture: u32,
+    /// Which of the mesh's two texture coordinate slots.
+    pub uv_slot: u32,
+    /// KHR_texture_transform: uv' = matrix * uv + offset.
+    pub matrix: Mat2,
+    /// See `matrix`.
+    pub offset: Vec2,
+}
+
+/// glTF's alpha modes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    Opaque,
+    /// Visible where alpha is at least the cutoff.
+    Mask(f32),
+    /// Covers a fraction alpha of what is behind.
+    Blend,
+}
+
+/// A metallic-roughness material. Factors are linear.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// The file's name for it, or empty.
+    pub name: String,
+    /// Base colour and alpha factor.
+    pub base_color: Vec4,
+    /// Base colour texture (sRGB, alpha in A).
+    pub base_color_texture: Option<TextureRef>,
+    /// Metalness factor.
+    pub metallic: f32,
+    /// Perceptual roughness factor; the GGX alpha is its square.
+    pub roughness: f32,
+    /// Roughness in G, metalness in B (linear).
+    pub metallic_roughness_texture: Option<TextureRef>,
+    /// Tangent-space normals (linear).
+    pub normal_texture: Option<TextureRef>,
+    /// Scale of the normal map's x and y.
+    pub normal_scale: f32,
+    /// Ambient occlusion in R (linear); dims environment light only.
+    pub occlusion_texture: Option<TextureRef>,
+    /// 0: the occlusion texture does nothing; 1: all of it.
+    pub occlusion_strength: f32,
+    /// Emitted radiance factor, KHR_materials_emissive_strength multiplied in.
+    pub emissive: Vec3,
+    /// Emission texture (sRGB).
+    pub emissive_texture: Option<TextureRef>,
+    /// How alpha is used.
+    pub alpha: AlphaMode,
+    /// Seen from both sides.
+    pub double_sided: bool,
+    /// KHR_materials_unlit: the base colour is what is seen.
+    pub unlit: bool,
+}
+
+impl Default for Material {
+    /// glTF's default material.
+    fn default() -> Self {
+        Material {
+            name: String::new(),
+            base_color: Vec4::ONE,
+            base_color_texture: None,
+            metallic: 1.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            occlusion_texture: None,
+            occlusion_strength: 1.0,
+            emissive: Vec3::ZERO,
+            emissive_texture: None,
+            alpha: AlphaMode::Opaque,
+            double_sided: false,
+            unlit: false,
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! A static scene on the host: what a glTF file says, flattened to one list of triangles.
+//!
+//! Everything is in metres, right-handed, +Y up. Positions are stored in `f32` relative to
+//! [`Scene::anchor`], which is kept in `f64`: transforms are composed in `f64` first, so a scene
+//! far from the origin loses nothing.
+
+pub mod environment;
+pub mod features;
+pub mod generate;
+pub mod gltf;
+pub mod material;
+pub mod sky;
+pub mod texture;
+
+use glam::{DVec3, Vec2, Vec3, Vec4};
+
+pub use environment::{Environment, Sun};
+pub use features::Features;
+pub use material::{AlphaMode, Material, TextureRef};
+pub use texture::Texture;
+
+use crate::math::pose::Pose;
+
+/// A scene, ready to be traced. All triangles of all instances, in world orientation.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// World position, in metres, of the origin that [`Mesh::positions`] and lights are relative to.
+    pub anchor: DVec3,
+    /// All triangles.
+    pub mesh: Mesh,
+    /// Materials; [`Mesh::materials`] points here. Never empty when there are triangles.
+    pub materials: Vec<Material>,
+    /// Textures; [`TextureRef::texture`] points here.
+    pub textures: Vec<Texture>,
+    /// Punctual lights (KHR_lights_punctual), in world orientation, relative to the anchor.
+    pub lights: Vec<Light>,
+    /// The file's cameras.
+    pub cameras: Vec<Camera>,
+    /// Mesh instances (primitives placed by nodes) that were flattened.
+    pub instances: usize,
+    /// Sentences about what was left out or repaired, each said once.
+    pub warnings: Vec<String>,
+}
+
+/// Triangles as separate arrays. Per-vertex arrays other than `positions` and `normals` are either
+/// empty (no material needs them) or as long as `positions`.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    /// Vertex positions relative to the scene's anchor, in metres; all finite.
+    pub positions: Vec<Vec3>,
+    /// Unit shading normals.
+    pub normals: Vec<Vec3>,
+    /// Unit tangents; w is the bitangent's sign (glTF's TANGENT).
+    pub tangents: Vec<Vec4>,
+    /// Texture coordinates of the two slots that a material may use ([`TextureRef::uv_slot`]).
+    pub uvs: [Vec<Vec2>; 2],
+    /// Linear vertex colours that multiply the base colour.
+    pub colors: Vec<Vec4>,
+    /// Vertex indices, counter-clockwise seen from the front.
+    pub triangles: Vec<[u32; 3]>,
+    /// The material of each triangle.
+    pub materials: Vec<u32>,
+}
+
+impl Mesh {
+    /// Bounds of all positions relative to the anchor; `None` without triangles.
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        let mut corners = self.triangles.iter().flatten().map(|&index| self.positions[index as usize]);
+        let first = corners.next()?;
+        Some(corners.fold((first, first), |(low, high), p| (low.min(p), high.max(p))))
+    }
+}
+
+/// A light of KHR_lights_punctual.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    /// Its kind and what only that kind has.
+    pub kind: LightKind,
+    /// Linear colour times intensity: candela for point and spot, lux for directional.
+    pub intensity: Vec3,
+    /// Position relative to the anchor (unused for directional lights).
+    pub position: Vec3,
+    /// Unit direction in which the light shines (unused for point lights).
+    pub direction: Vec3,
+    /// Distance in metres beyond which the light is gone; infinite when the file names none.
+    pub range: f32,
+}
+
+/// The kinds of punctual lights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightKind {
+    /// Shines everywhere from a point.
+    Point,
+    /// Shines in parallel from infinitely far.
+    Directional,
+    /// A cone: cosines of the inner and the outer cone angle.
+    Spot {
+        /// Full intensity inside this angle's cosine.
+        cos_inner: f32,
+        /// Nothing outside this angle's cosine.
+        cos_outer: f32,
+    },
+}
+
+/// A camera of the file, placed in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// The file's name for it, or empty.
+    pub name: String,
+    /// Where it is; it looks along its -Z.
+    pub world_from_eye: Pose,
+    /// Vertical field of view in radians; `None` for orthographic cameras, which are not traced.
+    pub fov_y: Option<f64>,
+}

@@ -1,0 +1,1 @@
+//! An analytic clear sky.
