@@ -9,8 +9,10 @@ use bytemuck::{Pod, Zeroable};
 /// What a shaded sample hands to the reconstruction: 32 bytes.
 ///
 /// With k-NN reconstruction `first` is the sample's radiance and the rest is zero. With guided
-/// reconstruction `first` is the diffuse irradiance-like term E, so that the sample's radiance is
-/// `albedo * first + second + emission`; albedo and emission come from [`VisibilityRecord`].
+/// reconstruction `first` is the diffuse part divided by the diffuse albedo and `second` the specular
+/// part divided by the specular colour (F0), so that the sample's radiance is
+/// `diffuse * first + f0 * second + emission`, where `diffuse = base (1 - metalness)` and
+/// `f0 = mix(0.04, base, metalness)`; base, metalness and emission come from [`VisibilityRecord`].
 /// A sample that hit nothing, or whose estimate was not finite, has `depth` <= 0 and must get no weight
 /// in guided reconstruction.
 #[repr(C)]
@@ -20,7 +22,7 @@ pub struct SampleRecord {
     pub first: [f32; 3],
     /// View-space depth (-z) of the hit in metres; 0 where nothing was hit.
     pub depth: f32,
-    /// Linear RGB of the specular part (guided).
+    /// Linear RGB of the specular part divided by F0 (guided).
     pub second: [f32; 3],
     /// World-space shading normal, octahedral, two 16-bit snorms (x in the low half).
     pub normal: u32,
@@ -34,11 +36,189 @@ pub struct VisibilityRecord {
     pub normal: u32,
     /// View-space depth (-z) of the hit in metres; 0 where the background is seen.
     pub depth: f32,
-    /// Diffuse albedo, three 8-bit unorms of its square root (R in the low byte), then roughness as
-    /// an 8-bit unorm in the high byte.
+    /// Base colour, three 8-bit unorms of its square root (R in the low byte), then metalness (low)
+    /// and perceptual roughness (high) as 4-bit unorms in the high byte.
     pub albedo: u32,
     /// Emitted radiance, or the background's: see [`pack_emission`].
     pub emission: u32,
+}
+
+/// A camera ray's first hit: 8 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct HitRecord {
+    /// Place of the triangle in leaf order; `u32::MAX` for a miss.
+    pub triangle: u32,
+    /// Distance along the normalised ray in metres.
+    pub t: f32,
+}
+
+/// A view as the kernels see it, relative to the scene's anchor.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Camera {
+    /// Columns of `world_from_eye`'s rotation: right, up, back; each padded to four floats.
+    pub rotation: [[f32; 4]; 3],
+    /// The eye's position relative to the anchor, rounded.
+    pub origin: [f32; 4],
+    /// What the rounding of `origin` left out.
+    pub origin_low: [f32; 4],
+    /// Eye-space direction of the image's upper left corner at z = -1, then its change per pixel.
+    pub corner: [f32; 2],
+    /// See `corner`: x grows to the right, y falls downwards.
+    pub step: [f32; 2],
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Seed of this frame's random numbers.
+    pub seed: u32,
+    /// 1: camera rays go through a random point of their pixel instead of its centre.
+    pub jitter: u32,
+}
+
+/// How samples are shaded.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Shading {
+    /// Light rays per sample.
+    pub rays: u32,
+    /// Further bounces.
+    pub bounces: u32,
+    /// 1: [`SampleRecord`] for guided reconstruction, 0: for k-NN.
+    pub guided: u32,
+    /// 1: hits are stored per pixel, 0: per sample.
+    pub hits_per_pixel: u32,
+    /// Punctual lights.
+    pub lights: u32,
+    /// Environment texels across.
+    pub environment_width: u32,
+    /// Environment texels down.
+    pub environment_height: u32,
+    /// Shares of the light rays that aim at the sun and at the environment map; the rest follow the
+    /// surface's reflection.
+    pub sun_share: f32,
+    /// See `sun_share`.
+    pub environment_share: f32,
+    /// The sun: direction towards it.
+    pub sun_direction: [f32; 3],
+    /// The sun's radiance.
+    pub sun_radiance: [f32; 3],
+    /// 1 - cos of the sun's angular radius.
+    pub sun_one_minus_cos: f32,
+}
+
+/// A triangle's vertices and material, in leaf order: 16 bytes.
+///
+/// The last word: bits 0..20 the material, 20..23 the lane in its leaf, 23..26 the leaf's number of
+/// triangles less one, 26 [`TRIANGLE_ALPHA`], 27 [`TRIANGLE_DOUBLE_SIDED`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Triangle {
+    /// Vertex indices.
+    pub vertices: [u32; 3],
+    /// See above.
+    pub packed: u32,
+}
+
+/// A hit needs a look at the material's alpha.
+pub const TRIANGLE_ALPHA: u32 = 1 << 26;
+/// Seen from behind too.
+pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+/// Materials at most: what [`Triangle::packed`] can hold.
+pub const MAX_MATERIALS: usize = 1 << 20;
+
+/// A use of a texture; `texture` is `u32::MAX` where there is none.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct TextureUse {
+    /// Index of the texture.
+    pub texture: u32,
+    /// Texture coordinate slot.
+    pub uv_slot: u32,
+    /// uv' = (m0 u + m2 v + o0, m1 u + m3 v + o1).
+    pub matrix: [f32; 4],
+    /// See `matrix`.
+    pub offset: [f32; 2],
+}
+
+/// A material.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Material {
+    /// Linear factor and alpha.
+    pub base_color: [f32; 4],
+    /// Emitted radiance.
+    pub emissive: [f32; 3],
+    /// Metalness.
+    pub metallic: f32,
+    /// Perceptual roughness.
+    pub roughness: f32,
+    /// Normal map scale.
+    pub normal_scale: f32,
+    /// Occlusion strength.
+    pub occlusion_strength: f32,
+    /// MASK's cutoff; negative for BLEND.
+    pub alpha_cutoff: f32,
+    /// 1: unlit.
+    pub unlit: u32,
+    /// Base colour, metallic-roughness, normal, occlusion, emissive.
+    pub textures: [TextureUse; 5],
+}
+
+/// A texture's place in the buffer of texels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct TextureInfo {
+    /// First texel of level 0.
+    pub offset: u32,
+    /// Texels across.
+    pub width: u32,
+    /// Texels down.
+    pub height: u32,
+    /// Bits 0..8: levels; 8..10 and 10..12: wrap along u and v (0 repeat, 1 mirrored, 2 clamp);
+    /// 12: sRGB; 13: nearest.
+    pub packed: u32,
+}
+
+/// A punctual light.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Light {
+    /// Candela, or lux for directional lights.
+    pub intensity: [f32; 3],
+    /// 0 point, 1 directional, 2 spot.
+    pub kind: u32,
+    /// Relative to the anchor.
+    pub position: [f32; 3],
+    /// Metres; infinite where none is given.
+    pub range: f32,
+    /// Unit direction in which it shines.
+    pub direction: [f32; 3],
+    /// Cosine of the spot's inner angle.
+    pub cos_inner: f32,
+    /// Cosine of the spot's outer angle.
+    pub cos_outer: f32,
+}
+
+/// An environment texel: its radiance and the density of sampling it, per solid angle.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct EnvironmentTexel {
+    /// Linear radiance.
+    pub radiance: [f32; 3],
+    /// Density per steradian of choosing this texel's directions.
+    pub density: f32,
+}
+
+/// An entry of the environment's alias table.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Alias {
+    /// The texel itself is taken below this 32-bit fraction.
+    pub threshold: u32,
+    /// Else this one.
+    pub alias: u32,
 }
 
 /// Packs a linear radiance into R9 G9 B8 with a 6-bit shared exponent (R in the low bits):

@@ -4,10 +4,13 @@
 
 #![deny(unsafe_code)]
 
+pub mod bvh;
 pub mod error;
 pub mod foveation;
+pub mod gpu;
 pub mod layout;
 pub mod math;
 pub mod scene;
+pub mod trace;
 
 pub use error::{Error, Result};

@@ -1,0 +1,19 @@
+//! The bounding volume hierarchy that the kernels walk: eight children a node.
+//!
+//! A binary tree is built by the surface area heuristic and collapsed to eight children a node;
+//! triangles are laid out in the order of its leaves.
+
+pub mod binary;
+mod build;
+pub mod wide;
+
+pub use wide::{WideBvh, WideNode};
+
+/// Triangles in a leaf at most; what one vector of eight lanes tests at once.
+pub const LEAF_TRIANGLES: usize = 8;
+
+/// Levels of the wide tree at most: the kernels' stacks hold this many times seven entries and one.
+///
+/// The binary tree is at most 60 levels deep before it halves by count (28 more for the 2^28
+/// triangles that leaves can count), and a wide level takes at least one binary level.
+pub const MAX_DEPTH: u32 = 88;

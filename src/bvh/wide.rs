@@ -1,0 +1,148 @@
+//! The wide tree's layout: struct of arrays in every node and leaf, for vectors of eight lanes.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+use super::LEAF_TRIANGLES;
+
+/// A child slot without a child.
+pub const EMPTY: u32 = u32::MAX;
+/// Marks a child that is a leaf: then bits 28..31 hold its number of triangles less one, and the
+/// low 28 bits its first triangle in leaf order.
+pub const LEAF: u32 = 1 << 31;
+
+/// Eight children: their bounds as arrays, and where they are. 224 bytes.
+///
+/// A child is [`EMPTY`], a leaf ([`LEAF`] set) or the index of a node. Empty slots have inverted,
+/// infinite bounds, but a walker must look at `children`, since an inverted box passes a slab test
+/// that takes the minimum and maximum of both planes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct WideNode {
+    /// Lower bounds: x of the eight children, then y, then z.
+    pub lower: [[f32; 8]; 3],
+    /// Upper bounds.
+    pub upper: [[f32; 8]; 3],
+    /// See [`EMPTY`] and [`LEAF`].
+    pub children: [u32; 8],
+}
+
+impl WideNode {
+    pub(super) const VACANT: WideNode =
+        WideNode { lower: [[f32::INFINITY; 8]; 3], upper: [[f32::NEG_INFINITY; 8]; 3], children: [EMPTY; 8] };
+
+    pub(super) fn set(&mut self, slot: usize, bounds: (Vec3, Vec3), child: u32) {
+        for axis in 0..3 {
+            self.lower[axis][slot] = bounds.0[axis];
+            self.upper[axis][slot] = bounds.1[axis];
+        }
+        self.children[slot] = child;
+    }
+}
+
+/// A leaf child's first triangle and its number of triangles.
+pub fn leaf_range(child: u32) -> (usize, usize) {
+    ((child & 0x0fff_ffff) as usize, (child >> 28 & 7) as usize + 1)
+}
+
+/// A tree over triangles. Node 0 is the root; it is always there, also without triangles.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WideBvh {
+    /// All nodes; children come after their parents.
+    pub nodes: Vec<WideNode>,
+    /// For each triangle in leaf order: its index in the mesh, and its place in its leaf.
+    pub order: Vec<LeafSlot>,
+}
+
+/// Where a triangle lies in leaf order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LeafSlot {
+    /// Index in the mesh.
+    pub triangle: u32,
+    /// Its lane in the leaf.
+    pub lane: u8,
+    /// Triangles in the leaf.
+    pub leaf_len: u8,
+}
+
+impl WideBvh {
+    /// Vertex coordinates in leaf order, 9 floats a triangle: in each leaf of n triangles n first x,
+    /// n first y, n first z, then those of the second and the third vertex. Eight floats of padding
+    /// follow, since kernels load eight lanes at any place.
+    pub fn leaf_vertices(&self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<f32> {
+        let mut vertices = vec![0.0; self.order.len() * 9 + LEAF_TRIANGLES];
+        for (place, slot) in self.order.iter().enumerate() {
+            let first = (place - slot.lane as usize) * 9;
+            for (corner, &index) in triangles[slot.triangle as usize].iter().enumerate() {
+                let p = positions[index as usize];
+                for axis in 0..3 {
+                    let row = (corner * 3 + axis) * slot.leaf_len as usize;
+                    vertices[first + row + slot.lane as usize] = p[axis];
+                }
+            }
+        }
+        vertices
+    }
+
+    /// Levels of nodes; 1 for a root alone.
+    pub fn depth(&self) -> u32 {
+        let mut depth = vec![1u32; self.nodes.len()];
+        for (index, node) in self.nodes.iter().enumerate() {
+            for child in node.children.into_iter().filter(|&child| child & LEAF == 0) {
+                depth[child as usize] = depth[index] + 1;
+            }
+        }
+        depth.into_iter().max().unwrap_or(0)
+    }
+
+    /// Checks the whole tree against its triangles: every triangle in exactly one leaf, every child's
+    /// bounds around its triangles, every reference in range.
+    ///
+    /// # Errors
+    /// A sentence about the first violation.
+    pub fn validate(&self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), String> {
+        let mut seen = vec![false; triangles.len()];
+        let mut pending = vec![(0u32, None::<(Vec3, Vec3)>)];
+        while let Some((index, bounds)) = pending.pop() {
+            let node = self.nodes.get(index as usize).ok_or(format!("node {index} does not exist"))?;
+            for slot in 0..8 {
+                let child = node.children[slot];
+                if child == EMPTY {
+                    continue;
+                }
+                let lower = Vec3::from_array(node.lower.map(|row| row[slot]));
+                let upper = Vec3::from_array(node.upper.map(|row| row[slot]));
+                if bounds.is_some_and(|(l, u)| lower.cmplt(l).any() || upper.cmpgt(u).any()) {
+                    return Err(format!("child {slot} of node {index} reaches out of its parent"));
+                }
+                if child & LEAF == 0 {
+                    if child <= index {
+                        return Err(format!("node {index} points back to {child}"));
+                    }
+                    pending.push((child, Some((lower, upper))));
+                    continue;
+                }
+                let (first, count) = leaf_range(child);
+                for place in first..first + count {
+                    let leaf = self.order.get(place).ok_or(format!("leaf place {place} does not exist"))?;
+                    if leaf.lane as usize != place - first || leaf.leaf_len as usize != count {
+                        return Err(format!("leaf place {place} has a wrong lane"));
+                    }
+                    if std::mem::replace(&mut seen[leaf.triangle as usize], true) {
+                        return Err(format!("triangle {} is in two leaves", leaf.triangle));
+                    }
+                    for &vertex in &triangles[leaf.triangle as usize] {
+                        let p = positions[vertex as usize];
+                        if p.cmplt(lower).any() || p.cmpgt(upper).any() {
+                            return Err(format!("triangle {} reaches out of its leaf", leaf.triangle));
+                        }
+                    }
+                }
+            }
+        }
+        match seen.iter().position(|s| !s) {
+            Some(lost) => Err(format!("triangle {lost} is in no leaf")),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,3 @@
+//! The machine's compute and graphics devices, behind safe interfaces.
+
+pub mod opencl;

@@ -1,0 +1,142 @@
+//! Global memory of a device.
+#![allow(unsafe_code)]
+
+use std::ffi::c_void;
+use std::marker::PhantomData;
+
+use bytemuck::Pod;
+use cl3::types::cl_mem;
+
+use super::Device;
+use crate::error::Result;
+
+/// A buffer of `len` elements of `T`; released when dropped.
+#[derive(Debug)]
+pub struct Buffer<T> {
+    device: Device,
+    memory: cl_mem,
+    len: usize,
+    element: PhantomData<T>,
+}
+
+// SAFETY: cl_mem handles may be used from any thread (OpenCL 1.2, appendix A.2).
+unsafe impl<T: Send> Send for Buffer<T> {}
+
+impl<T: Pod> Buffer<T> {
+    /// A buffer with a copy of `data`. Empty data makes a buffer of one zeroed element.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device has no room for it.
+    pub fn from_slice(device: &Device, data: &[T]) -> Result<Self> {
+        let zero = [T::zeroed()];
+        let data = if data.is_empty() { &zero[..] } else { data };
+        let flags = cl3::memory::CL_MEM_READ_ONLY | cl3::memory::CL_MEM_COPY_HOST_PTR;
+        Self::create(device, flags, data.len(), data.as_ptr() as *mut c_void)
+    }
+
+    /// A buffer of `len` elements (at least one) of undefined content.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device has no room for it.
+    pub fn new(device: &Device, len: usize) -> Result<Self> {
+        Self::create(device, cl3::memory::CL_MEM_READ_WRITE, len.max(1), std::ptr::null_mut())
+    }
+
+    /// A buffer that uses memory of the host in place (`CL_MEM_USE_HOST_PTR`).
+    ///
+    /// # Safety
+    /// `host` must be valid for reads and writes of `len` elements for as long as the buffer lives,
+    /// and the host must not touch them while the device does.
+    pub unsafe fn from_host_memory(device: &Device, host: *mut T, len: usize) -> Result<Self> {
+        let flags = cl3::memory::CL_MEM_READ_WRITE | cl3::memory::CL_MEM_USE_HOST_PTR;
+        Self::create(device, flags, len, host.cast())
+    }
+
+    fn create(device: &Device, flags: u64, len: usize, host: *mut c_void) -> Result<Self> {
+        let bytes = len * size_of::<T>();
+        // SAFETY: `host` is null or valid for `bytes` bytes (this room's callers see to it).
+        let memory = unsafe { cl3::memory::create_buffer(device.context(), flags, bytes, host) }
+            .map_err(|e| device.failed(&format!("has no room for a buffer of {} MiB", bytes >> 20), e))?;
+        Ok(Buffer { device: device.clone(), memory, len, element: PhantomData })
+    }
+
+    /// Number of elements.
+    #[allow(clippy::len_without_is_empty)]
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Size in bytes.
+    pub fn bytes(&self) -> usize {
+        self.len * size_of::<T>()
+    }
+
+    /// Copies `data` to the buffer's start and waits for it.
+    pub fn write(&self, data: &[T]) -> Result<()> {
+        assert!(data.len() <= self.len, "write of {} elements to a buffer of {}", data.len(), self.len);
+        if data.is_empty() {
+            return Ok(());
+        }
+        // SAFETY: the range is inside the buffer, and the call blocks until `data` was read.
+        let event = unsafe {
+            cl3::command_queue::enqueue_write_buffer(
+                self.device.queue(),
+                self.memory,
+                cl3::types::CL_TRUE,
+                0,
+                size_of_val(data),
+                data.as_ptr().cast(),
+                0,
+                std::ptr::null(),
+            )
+        };
+        self.release(event.map_err(|e| self.device.failed("refuses a write", e))?);
+        Ok(())
+    }
+
+    /// Copies the first `data.len()` elements to `data` and waits for it.
+    pub fn read(&self, data: &mut [T]) -> Result<()> {
+        assert!(data.len() <= self.len, "read of {} elements from a buffer of {}", data.len(), self.len);
+        if data.is_empty() {
+            return Ok(());
+        }
+        // SAFETY: the range is inside the buffer, and the call blocks until `data` was written.
+        let event = unsafe {
+            cl3::command_queue::enqueue_read_buffer(
+                self.device.queue(),
+                self.memory,
+                cl3::types::CL_TRUE,
+                0,
+                size_of_val(data),
+                data.as_mut_ptr().cast(),
+                0,
+                std::ptr::null(),
+            )
+        };
+        self.release(event.map_err(|e| self.device.failed("refuses a read", e))?);
+        Ok(())
+    }
+
+    /// The whole content.
+    pub fn to_vec(&self) -> Result<Vec<T>> {
+        let mut data = vec![T::zeroed(); self.len];
+        self.read(&mut data)?;
+        Ok(data)
+    }
+
+    fn release(&self, event: cl3::types::cl_event) {
+        // SAFETY: the event was just returned and is released once.
+        let _ = unsafe { cl3::event::release_event(event) };
+    }
+
+    pub(super) fn memory(&self) -> cl_mem {
+        self.memory
+    }
+}
+
+impl<T> Drop for Buffer<T> {
+    fn drop(&mut self) {
+        // SAFETY: created by `create`, released once; OpenCL keeps it until enqueued work is done.
+        let _ = unsafe { cl3::memory::release_mem_object(self.memory) };
+    }
+}
