@@ -1,1 +1,287 @@
 //! Laws of sample density over the image.
+//!
+//! A law gives a relative density: only ratios between pixels count, since the number of samples is
+//! given apart from it. `docs/foveation.md` tells where each law comes from.
+
+use std::str::FromStr;
+
+use glam::{DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::math::view::View;
+
+/// How sample density falls off with distance from the gaze.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "name", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Law {
+    /// Fujita and Harada 2014: θ^exponent, with θ the distance from the gaze in pixels of the image
+    /// plane, and uniform within a disc around the gaze.
+    Paper {
+        /// Power of the distance, -4 to 0. -2/3 is the paper's number read as a density over the
+        /// area; -5/3 is the same number read as the density of the radii.
+        #[serde(default = "paper_exponent")]
+        exponent: f64,
+        /// Area of the uniform disc over that of the image, 0 to 1.
+        #[serde(default = "paper_centre_area")]
+        centre_area: f64,
+    },
+    /// Guenter et al. 2012: the minimum angle of resolution grows linearly with eccentricity,
+    /// ω = w0 + slope e; density per solid angle is proportional to ω^-2.
+    LinearMar {
+        /// Degrees of resolution lost per degree of eccentricity, 0 to 1.
+        #[serde(default = "guenter_slope")]
+        slope: f64,
+        /// Minimum angle of resolution at the gaze in degrees, 0.001 to 10.
+        #[serde(default = "guenter_w0")]
+        w0: f64,
+    },
+    /// Meng et al. 2018: the pixel density of a log-polar buffer with kernel function K(x) = x^alpha.
+    LogPolar {
+        /// Power of the kernel function, 1 to 16; 1 is the classic log-polar mapping.
+        #[serde(default = "meng_alpha")]
+        alpha: f64,
+    },
+    /// The same density everywhere.
+    Uniform,
+    /// One sample at each pixel, whatever number is asked for: the naive method.
+    Full,
+}
+
+fn paper_exponent() -> f64 {
+    -2.0 / 3.0
+}
+
+fn paper_centre_area() -> f64 {
+    1.0 / 15.0
+}
+
+/// The conservative slope of Guenter's user study: 1.32 arc minutes per degree.
+fn guenter_slope() -> f64 {
+    1.32 / 60.0
+}
+
+/// Foveal resolution of a healthy adult as Guenter takes it: 1/48 degree.
+fn guenter_w0() -> f64 {
+    1.0 / 48.0
+}
+
+/// The kernel power that Meng's user study found best.
+fn meng_alpha() -> f64 {
+    4.0
+}
+
+impl Default for Law {
+    fn default() -> Self {
+        Law::Paper { exponent: paper_exponent(), centre_area: paper_centre_area() }
+    }
+}
+
+impl FromStr for Law {
+    type Err = Error;
+
+    /// The law of a name, with its default parameters.
+    fn from_str(name: &str) -> Result<Self> {
+        let laws = [
+            Law::default(),
+            Law::LinearMar { slope: guenter_slope(), w0: guenter_w0() },
+            Law::LogPolar { alpha: meng_alpha() },
+            Law::Uniform,
+            Law::Full,
+        ];
+        laws.into_iter().find(|law| law.name() == name).ok_or_else(|| {
+            let names = laws.map(|law| law.name()).join(", ");
+            Error::setting("law", format!("there is no law {name:?}; choose one of {names}"))
+        })
+    }
+}
+
+impl std::fmt::Display for Law {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl Law {
+    /// The name by which the law is chosen.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Law::Paper { .. } => "paper",
+            Law::LinearMar { .. } => "linear-mar",
+            Law::LogPolar { .. } => "log-polar",
+            Law::Uniform => "uniform",
+            Law::Full => "full",
+        }
+    }
+
+    /// Refuses parameters outside their ranges, naming the parameter.
+    pub fn validate(&self) -> Result<()> {
+        let within = |key: &str, value: f64, least: f64, most: f64| {
+            if (least..=most).contains(&value) {
+                return Ok(());
+            }
+            let key = format!("law.{key}");
+            Err(Error::setting(key, format!("{value} is out of range; give {least} to {most}")))
+        };
+        match *self {
+            Law::Paper { exponent, centre_area } => {
+                within("exponent", exponent, -4.0, 0.0)?;
+                within("centre_area", centre_area, 0.0, 1.0)
+            }
+            Law::LinearMar { slope, w0 } => {
+                within("slope", slope, 0.0, 1.0)?;
+                within("w0", w0, 0.001, 10.0)
+            }
+            Law::LogPolar { alpha } => within("alpha", alpha, 1.0, 16.0),
+            Law::Uniform | Law::Full => Ok(()),
+        }
+    }
+
+    /// The law with a region of full density that is `factor` times as wide, for a gaze that is less
+    /// certain. Laws without such a region stay as they are.
+    pub fn widened(self, factor: f64) -> Law {
+        match self {
+            Law::Paper { exponent, centre_area } => {
+                Law::Paper { exponent, centre_area: (centre_area * factor * factor).clamp(0.0, 1.0) }
+            }
+            Law::LinearMar { slope, w0 } => Law::LinearMar { slope, w0: (w0 * factor).clamp(0.001, 10.0) },
+            other => other,
+        }
+    }
+
+    /// Relative density of samples at a point of the image in pixels, above 0.
+    ///
+    /// `gaze` is in 0..1 of the image and may lie outside. For many pixels see [`Density`].
+    pub fn density(&self, view: &View, gaze: DVec2, pixel: DVec2) -> f64 {
+        Density::new(self, view, gaze).at(pixel)
+    }
+}
+
+/// How far outside the image a gaze is followed, in image sizes; beyond, densities hardly change.
+const FARTHEST_GAZE: f64 = 8.0;
+
+/// The distance in pixels within which the laws that grow without bound towards the gaze stay level:
+/// pixels nearer than this get a sample anyway.
+const LEAST_DISTANCE: f64 = 2.0;
+
+/// The gaze in 0..1 that patterns use: one that is not a number becomes the view's optical centre, one
+/// that is very far outside is brought nearer.
+fn usable_gaze(view: &View, gaze: DVec2) -> DVec2 {
+    let gaze = if gaze.is_nan() { view.optical_centre() } else { gaze };
+    let gaze = if gaze.is_nan() { DVec2::splat(0.5) } else { gaze };
+    gaze.clamp(DVec2::splat(-FARTHEST_GAZE), DVec2::splat(1.0 + FARTHEST_GAZE))
+}
+
+/// A law made ready for one view and one gaze.
+#[derive(Clone, Copy, Debug)]
+pub struct Density {
+    view: View,
+    /// The gaze in pixels.
+    gaze: DVec2,
+    form: Form,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Form {
+    /// (max(r², least) / least)^half_exponent.
+    Power {
+        least: f64,
+        half_exponent: f64,
+    },
+    /// (1 + per_radian e)^-2 over the solid angle of a pixel; the gaze as a unit vector.
+    LinearMar {
+        per_radian: f64,
+        gaze: DVec3,
+    },
+    /// ln(r)^(1/alpha - 1) / r².
+    LogPolar {
+        power: f64,
+    },
+    Level,
+}
+
+impl Density {
+    /// Makes a law ready; parameters are expected to be valid.
+    pub fn new(law: &Law, view: &View, gaze: DVec2) -> Self {
+        let size = DVec2::new(f64::from(view.width), f64::from(view.height));
+        let gaze = usable_gaze(view, gaze) * size;
+        let form = match *law {
+            Law::Paper { exponent, centre_area } => {
+                let squared = centre_area * size.x * size.y / std::f64::consts::PI;
+                let least = squared.max(LEAST_DISTANCE * LEAST_DISTANCE);
+                Form::Power { least, half_exponent: exponent * 0.5 }
+            }
+            Law::LinearMar { slope, w0 } => {
+                let per_radian = slope / w0.to_radians();
+                Form::LinearMar { per_radian, gaze: view.eye_direction(gaze).normalize() }
+            }
+            Law::LogPolar { alpha } => Form::LogPolar { power: 1.0 / alpha - 1.0 },
+            Law::Uniform | Law::Full => Form::Level,
+        };
+        Density { view: *view, gaze, form }
+    }
+
+    /// The gaze in pixels from the upper left corner, always finite.
+    pub fn gaze(&self) -> DVec2 {
+        self.gaze
+    }
+
+    /// Relative density at a point of the image in pixels.
+    pub fn at(&self, pixel: DVec2) -> f64 {
+        let squared = (pixel - self.gaze).length_squared();
+        match self.form {
+            Form::Power { least, half_exponent } => (squared.max(least) / least).powf(half_exponent),
+            Form::LinearMar { per_radian, gaze } => {
+                let direction = self.view.eye_direction(pixel);
+                let unit = direction.normalize();
+                let eccentricity = 2.0 * ((unit - gaze).length() * 0.5).min(1.0).asin();
+                // A pixel of a plane image at unit distance fills a solid angle of cos³ of its angle.
+                let solid_angle = direction.length_squared().powf(-1.5);
+                solid_angle / (1.0 + per_radian * eccentricity).powi(2)
+            }
+            Form::LogPolar { power } => {
+                let squared = squared.max(LEAST_DISTANCE * LEAST_DISTANCE);
+                (squared.ln() * 0.5).powf(power) / squared
+            }
+            Form::Level => 1.0,
+        }
+    }
+
+    /// Relative densities at the pixel centres of row `y`, from the first pixel on, to some six digits.
+    pub fn row(&self, y: u32, out: &mut [f32]) {
+        let dy = (f64::from(y) + 0.5 - self.gaze.y) as f32;
+        let dx = 0.5 - self.gaze.x as f32;
+        let squared = |x: usize| {
+            let dx = x as f32 + dx;
+            dx * dx + dy * dy
+        };
+        match self.form {
+            Form::Power { least, half_exponent } => {
+                let (least, scale, power) = (least as f32, (1.0 / least) as f32, half_exponent as f32);
+                out.iter_mut()
+                    .enumerate()
+                    .for_each(|(x, d)| *d = (squared(x).max(least) * scale).powf(power));
+            }
+            Form::LinearMar { per_radian, gaze } => {
+                let start = self.view.eye_direction(DVec2::new(0.5, f64::from(y) + 0.5)).as_vec3();
+                let step = (self.view.fov.right - self.view.fov.left) / f64::from(self.view.width);
+                let (step, gaze, per_radian) = (step as f32, gaze.as_vec3(), per_radian as f32);
+                out.iter_mut().enumerate().for_each(|(x, d)| {
+                    let direction = glam::Vec3::new(start.x + step * x as f32, start.y, -1.0);
+                    let inverse = direction.length_recip();
+                    let eccentricity = 2.0 * ((direction * inverse - gaze).length() * 0.5).min(1.0).asin();
+                    let blur = 1.0 + per_radian * eccentricity;
+                    *d = inverse * inverse * inverse / (blur * blur);
+                });
+            }
+            Form::LogPolar { power } => {
+                let (least, power) = ((LEAST_DISTANCE * LEAST_DISTANCE) as f32, power as f32);
+                out.iter_mut().enumerate().for_each(|(x, d)| {
+                    let squared = squared(x).max(least);
+                    *d = (squared.ln() * 0.5).powf(power) / squared;
+                });
+            }
+            Form::Level => out.fill(1.0),
+        }
+    }
+}

@@ -1,4 +1,10 @@
 //! Where the eye looks, how sharp it sees there, and which pixels are sampled for it.
 
 pub mod law;
+pub mod mask;
+mod order;
 pub mod pattern;
+
+pub use law::{Density, Law};
+pub use mask::BitMask;
+pub use pattern::Pattern;

@@ -1,1 +1,251 @@
 //! Where the samples are.
+//!
+//! Every pixel gets a number: its rank in a blue-noise mask that tiles the screen, divided by the law's
+//! density there. The pixels with the smallest numbers are the samples. So there are exactly as many as
+//! asked for, never two in a pixel; they are spread evenly at every density, with no border between
+//! zones; and since the mask is locked to the screen, a gaze that moves leaves most samples far from it
+//! where they were. Where the law asks for more than one sample a pixel, each pixel has one and the rest
+//! goes to the other pixels in proportion to the law.
+
+use glam::DVec2;
+use rayon::prelude::*;
+
+use super::law::{Density, Law};
+use super::mask::BitMask;
+use super::order;
+use crate::math::blue_noise;
+use crate::math::view::View;
+
+/// Pixels along a side of a tile.
+pub const TILE: u32 = 16;
+
+/// The largest width and height of a view that a pattern is made for.
+pub const MAX_SIDE: u32 = 1 << 16;
+
+/// The pixels of a view that are sampled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pattern {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Pixels with a sample, x | y << 16, tile by tile along a Hilbert curve, in a tile in Morton order.
+    pub samples: Vec<u32>,
+    /// Index of the first sample and number of samples of each tile of [`TILE`]² pixels; tile (tx, ty)
+    /// is entry ty * tiles_x + tx.
+    pub tiles: Vec<[u32; 2]>,
+}
+
+/// The key of a pixel that gets no sample: above every other.
+const HIDDEN: u32 = u32::MAX;
+
+impl Pattern {
+    /// Chooses `count` pixels of a view, but at least 1 and at most all.
+    ///
+    /// `gaze` is in 0..1 of the image from the upper left corner; it may lie outside, and one that is
+    /// not a number counts as the view's optical centre. [`Law::Full`] takes every pixel.
+    ///
+    /// # Panics
+    /// If a side of the view is above [`MAX_SIDE`].
+    pub fn new(view: &View, law: &Law, gaze: DVec2, count: usize) -> Self {
+        Self::choose(view, law, gaze, count, None)
+    }
+
+    /// Like [`Pattern::new`], with no samples at hidden pixels; `count` is clamped to the visible ones.
+    ///
+    /// # Panics
+    /// If the mask's size is not the view's, or a side of the view is above [`MAX_SIDE`].
+    pub fn with_mask(view: &View, law: &Law, gaze: DVec2, count: usize, hidden: &BitMask) -> Self {
+        assert_eq!(
+            (hidden.width(), hidden.height()),
+            (view.width, view.height),
+            "mask and view differ in size"
+        );
+        Self::choose(view, law, gaze, count, Some(hidden))
+    }
+
+    /// Number of tiles across.
+    pub fn tiles_x(&self) -> u32 {
+        self.width.div_ceil(TILE)
+    }
+
+    /// Number of tiles down.
+    pub fn tiles_y(&self) -> u32 {
+        self.height.div_ceil(TILE)
+    }
+
+    fn choose(view: &View, law: &Law, gaze: DVec2, count: usize, hidden: Option<&BitMask>) -> Self {
+        assert!(view.width <= MAX_SIDE && view.height <= MAX_SIDE, "view is too large for a pattern");
+        let visible = view.pixels() - hidden.map_or(0, BitMask::count);
+        let count = if *law == Law::Full { visible } else { count.clamp(1, visible.max(1)).min(visible) };
+        let density = Density::new(law, view, gaze);
+        let mut keys = vec![0u32; view.pixels()];
+        let width = view.width as usize;
+        if width > 0 {
+            let rows = keys.par_chunks_exact_mut(width).enumerate();
+            rows.for_each_init(
+                || vec![0.0; width],
+                |densities, (y, keys)| row_keys(&density, y as u32, hidden, densities, keys),
+            );
+        }
+        Self::gather(view, &keys, Limit::of_smallest(&keys, count))
+    }
+
+    /// Lists the pixels within the limit tile by tile.
+    fn gather(view: &View, keys: &[u32], limit: Limit) -> Self {
+        let mut pattern = Pattern { width: view.width, height: view.height, samples: vec![], tiles: vec![] };
+        let (tiles_x, tiles_y) = (pattern.tiles_x(), pattern.tiles_y());
+        let tiles = order::hilbert(tiles_x, tiles_y);
+        let parts: Vec<(Vec<u32>, Vec<u32>)> = tiles
+            .par_chunks(64)
+            .map(|tiles| {
+                let (mut samples, mut ends) = (vec![], vec![]);
+                for tile in tiles {
+                    tile_samples(view, keys, limit, (tile % tiles_x, tile / tiles_x), &mut samples);
+                    ends.push(samples.len() as u32);
+                }
+                (samples, ends)
+            })
+            .collect();
+        pattern.tiles = vec![[0, 0]; tiles.len()];
+        pattern.samples.reserve_exact(parts.iter().map(|part| part.0.len()).sum());
+        for ((samples, ends), tiles) in parts.iter().zip(tiles.chunks(64)) {
+            let base = pattern.samples.len() as u32;
+            let starts = std::iter::once(0).chain(ends.iter().copied());
+            for ((start, end), &tile) in starts.zip(ends).zip(tiles) {
+                pattern.tiles[tile as usize] = [base + start, end - start];
+            }
+            pattern.samples.extend_from_slice(samples);
+        }
+        pattern
+    }
+}
+
+/// Writes the keys of one row: the bits of rank / density, which order like the numbers themselves.
+fn row_keys(density: &Density, y: u32, hidden: Option<&BitMask>, densities: &mut [f32], keys: &mut [u32]) {
+    const SIZE: usize = blue_noise::SIZE;
+    density.row(y, densities);
+    let ranks = &blue_noise::ranks()[y as usize % SIZE * SIZE..][..SIZE];
+    let blocks = keys.chunks_mut(SIZE).zip(densities.chunks(SIZE)).enumerate();
+    for (block, (keys, densities)) in blocks {
+        let offset = repetition_offset(block as u32, y / SIZE as u32);
+        for ((key, &density), &rank) in keys.iter_mut().zip(densities).zip(ranks) {
+            *key = ((f32::from(rank) + offset) / density).to_bits();
+        }
+    }
+    if let Some(hidden) = hidden {
+        for (x, key) in keys.iter_mut().enumerate() {
+            if hidden.get(x as u32, y) {
+                *key = HIDDEN;
+            }
+        }
+    }
+}
+
+/// What a repetition of the mask adds to its ranks, in 1/256 of a rank: repetitions take their next
+/// point in turn, and in an order that is itself spread over the screen (M. Roberts' R2 sequence, 2018).
+fn repetition_offset(across: u32, down: u32) -> f32 {
+    let fraction =
+        (0.5 + f64::from(across) * 0.754_877_666_246_692_7 + f64::from(down) * 0.569_840_290_998_053_2)
+            .fract();
+    ((fraction * 256.0).floor() / 256.0) as f32
+}
+
+/// Which pixels are samples: those with a key below `key`, and those with just this key up to a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Limit {
+    key: u32,
+    /// Index of the last pixel that is taken of those with the key.
+    last: u32,
+}
+
+impl Limit {
+    /// The limit that holds for exactly `count` pixels.
+    fn of_smallest(keys: &[u32], count: usize) -> Limit {
+        const SHIFT: u32 = 16;
+        const BINS: usize = 1 << (32 - SHIFT);
+        if count == 0 {
+            return Limit { key: 0, last: 0 };
+        }
+        let band = keys.len().div_ceil(rayon::current_num_threads() * 2).max(1 << 14);
+        let histogram = keys
+            .par_chunks(band)
+            .map(|keys| {
+                let mut bins = vec![0u32; BINS];
+                keys.iter().for_each(|key| bins[(key >> SHIFT) as usize] += 1);
+                bins
+            })
+            .reduce_with(|mut a, b| {
+                a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+                a
+            })
+            .unwrap_or_default();
+        let (mut below, mut bin) = (0, 0);
+        while below + (histogram[bin] as usize) < count {
+            below += histogram[bin] as usize;
+            bin += 1;
+        }
+        let in_bin = |&(_, &key): &(usize, &u32)| (key >> SHIFT) as usize == bin;
+        let pair = |(pixel, &key): (usize, &u32)| u64::from(key) << 32 | pixel as u64;
+        let mut candidates: Vec<u64> = keys.par_iter().enumerate().filter(in_bin).map(pair).collect();
+        let (_, last, _) = candidates.select_nth_unstable(count - below - 1);
+        Limit { key: (*last >> 32) as u32, last: *last as u32 }
+    }
+}
+
+/// Appends the samples of one tile in Morton order.
+fn tile_samples(view: &View, keys: &[u32], limit: Limit, (tx, ty): (u32, u32), samples: &mut Vec<u32>) {
+    let (left, top) = (tx * TILE, ty * TILE);
+    let across = TILE.min(view.width - left) as usize;
+    let mut taken = [0u64; 4];
+    for y in top..(top + TILE).min(view.height) {
+        let start = y as usize * view.width as usize + left as usize;
+        for (x, &key) in keys[start..start + across].iter().enumerate() {
+            if key < limit.key || (key == limit.key && start + x <= limit.last as usize) {
+                let code = order::morton_16x16(x as u32, y - top);
+                taken[code as usize / 64] |= 1 << (code % 64);
+            }
+        }
+    }
+    for (word, mut bits) in (0..).zip(taken) {
+        while bits != 0 {
+            let (x, y) = order::from_morton_16x16(word * 64 + bits.trailing_zeros());
+            samples.push((left + x) | ((top + y) << 16));
+            bits &= bits - 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::pose::Pose;
+    use crate::math::view::FieldOfView;
+
+    fn view(width: u32, height: u32) -> View {
+        let fov = FieldOfView { left: -1.4, right: 1.1, up: 0.9, down: -0.8 };
+        View { world_from_eye: Pose::IDENTITY, fov, width, height }
+    }
+
+    #[test]
+    fn hidden_pixels_get_no_sample() {
+        let view = view(150, 90);
+        let hidden = BitMask::from_fn(150, 90, |x, y| (x + y) % 3 == 0);
+        let visible = view.pixels() - hidden.count();
+        for (count, expected) in [(0, 1), (700, 700), (visible, visible), (usize::MAX, visible)] {
+            let pattern = Pattern::with_mask(&view, &Law::default(), DVec2::splat(0.4), count, &hidden);
+            assert_eq!(pattern.samples.len(), expected);
+            assert!(pattern.samples.iter().all(|s| !hidden.get(s & 0xffff, s >> 16)));
+        }
+        let all = BitMask::from_fn(150, 90, |_, _| true);
+        let nothing = Pattern::with_mask(&view, &Law::Full, DVec2::splat(0.4), 10, &all);
+        assert!(nothing.samples.is_empty() && nothing.tiles.iter().all(|tile| tile[1] == 0));
+    }
+
+    #[test]
+    fn a_view_without_pixels_has_no_samples() {
+        for (width, height) in [(0, 0), (0, 5), (5, 0)] {
+            assert!(Pattern::new(&view(width, height), &Law::Uniform, DVec2::ZERO, 3).samples.is_empty());
+        }
+    }
+}
