@@ -1,10 +1,103 @@
 //! Every struct that the host and a kernel both read, in one place.
 //!
-//! Fields are `f32`, `u32`, `i32` and arrays of them. OpenCL's copies are in
-//! `kernels/shared/types.h`, which a test compares with this file; the Vulkan shaders read the two
-//! records that cross from OpenCL, and nothing else.
+//! Fields are `f32`, `u32` and arrays of them. OpenCL's copies are in `kernels/shared/types.h`, which
+//! [`types_header`] writes and a test compares; the Vulkan shaders read the two records that cross
+//! from OpenCL, and nothing else.
 
 use bytemuck::{Pod, Zeroable};
+
+/// A type that a kernel can read: its OpenCL C name, and what follows a variable of it.
+trait KernelType {
+    fn c_name() -> String;
+    fn c_suffix() -> String {
+        String::new()
+    }
+}
+
+impl KernelType for f32 {
+    fn c_name() -> String {
+        "float".to_string()
+    }
+}
+
+impl KernelType for u32 {
+    fn c_name() -> String {
+        "uint".to_string()
+    }
+}
+
+impl<T: KernelType, const N: usize> KernelType for [T; N] {
+    fn c_name() -> String {
+        T::c_name()
+    }
+    fn c_suffix() -> String {
+        format!("[{N}]{}", T::c_suffix())
+    }
+}
+
+/// Defines structs for the host, and writes them down in OpenCL C.
+macro_rules! shared_structs {
+    ($($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$field_meta:meta])* pub $field:ident: $type:ty,)*
+    })*) => {
+        $($(#[$meta])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+        pub struct $name {
+            $($(#[$field_meta])* pub $field: $type,)*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Zeroable::zeroed()
+            }
+        }
+
+        impl KernelType for $name {
+            fn c_name() -> String {
+                stringify!($name).to_string()
+            }
+        })*
+
+        /// The text of `kernels/shared/types.h`.
+        pub fn types_header() -> String {
+            let mut header = String::from("// Written from src/layout.rs: change it there.\n\n");
+            $(
+                header += "typedef struct {\n";
+                $(header += &format!(
+                    "    {} {}{};\n",
+                    <$type as KernelType>::c_name(),
+                    stringify!($field),
+                    <$type as KernelType>::c_suffix()
+                );)*
+                header += concat!("} ", stringify!($name), ";\n\n");
+            )*
+            for (name, value) in constants() {
+                header += &format!("#define {name} {value:#x}u\n");
+            }
+            header
+        }
+    };
+}
+
+/// Constants that kernels share.
+fn constants() -> [(&'static str, u32); 4] {
+    [
+        ("LEAF", crate::bvh::wide::LEAF),
+        ("EMPTY", crate::bvh::wide::EMPTY),
+        ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
+        ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
+    ]
+}
+
+/// A hit needs a look at the material's alpha.
+pub const TRIANGLE_ALPHA: u32 = 1 << 26;
+/// Seen from behind too.
+pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+/// Materials at most: what [`Triangle::packed`] can hold.
+pub const MAX_MATERIALS: usize = 1 << 20;
+
+shared_structs! {
 
 /// What a shaded sample hands to the reconstruction: 32 bytes.
 ///
@@ -15,8 +108,6 @@ use bytemuck::{Pod, Zeroable};
 /// `f0 = mix(0.04, base, metalness)`; base, metalness and emission come from [`VisibilityRecord`].
 /// A sample that hit nothing, or whose estimate was not finite, has `depth` <= 0 and must get no weight
 /// in guided reconstruction.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SampleRecord {
     /// Linear RGB: radiance (k-NN) or diffuse radiance divided by diffuse albedo (guided).
     pub first: [f32; 3],
@@ -29,8 +120,6 @@ pub struct SampleRecord {
 }
 
 /// What dense visibility knows of a pixel: 16 bytes.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VisibilityRecord {
     /// World-space shading normal, as in [`SampleRecord::normal`].
     pub normal: u32,
@@ -44,8 +133,6 @@ pub struct VisibilityRecord {
 }
 
 /// A camera ray's first hit: 8 bytes.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct HitRecord {
     /// Place of the triangle in leaf order; `u32::MAX` for a miss.
     pub triangle: u32,
@@ -54,8 +141,6 @@ pub struct HitRecord {
 }
 
 /// A view as the kernels see it, relative to the scene's anchor.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Camera {
     /// Columns of `world_from_eye`'s rotation: right, up, back; each padded to four floats.
     pub rotation: [[f32; 4]; 3],
@@ -78,8 +163,6 @@ pub struct Camera {
 }
 
 /// How samples are shaded.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Shading {
     /// Light rays per sample.
     pub rays: u32,
@@ -112,8 +195,6 @@ pub struct Shading {
 ///
 /// The last word: bits 0..20 the material, 20..23 the lane in its leaf, 23..26 the leaf's number of
 /// triangles less one, 26 [`TRIANGLE_ALPHA`], 27 [`TRIANGLE_DOUBLE_SIDED`].
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Triangle {
     /// Vertex indices.
     pub vertices: [u32; 3],
@@ -121,16 +202,7 @@ pub struct Triangle {
     pub packed: u32,
 }
 
-/// A hit needs a look at the material's alpha.
-pub const TRIANGLE_ALPHA: u32 = 1 << 26;
-/// Seen from behind too.
-pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
-/// Materials at most: what [`Triangle::packed`] can hold.
-pub const MAX_MATERIALS: usize = 1 << 20;
-
 /// A use of a texture; `texture` is `u32::MAX` where there is none.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct TextureUse {
     /// Index of the texture.
     pub texture: u32,
@@ -143,8 +215,6 @@ pub struct TextureUse {
 }
 
 /// A material.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Material {
     /// Linear factor and alpha.
     pub base_color: [f32; 4],
@@ -167,8 +237,6 @@ pub struct Material {
 }
 
 /// A texture's place in the buffer of texels.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct TextureInfo {
     /// First texel of level 0.
     pub offset: u32,
@@ -182,8 +250,6 @@ pub struct TextureInfo {
 }
 
 /// A punctual light.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Light {
     /// Candela, or lux for directional lights.
     pub intensity: [f32; 3],
@@ -202,8 +268,6 @@ pub struct Light {
 }
 
 /// An environment texel: its radiance and the density of sampling it, per solid angle.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct EnvironmentTexel {
     /// Linear radiance.
     pub radiance: [f32; 3],
@@ -212,13 +276,22 @@ pub struct EnvironmentTexel {
 }
 
 /// An entry of the environment's alias table.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Alias {
     /// The texel itself is taken below this 32-bit fraction.
     pub threshold: u32,
     /// Else this one.
     pub alias: u32,
+}
+
+/// Eight children of a node: see [`crate::bvh::wide`].
+pub struct WideNode {
+    /// Lower bounds: x of the eight children, then y, then z.
+    pub lower: [[f32; 8]; 3],
+    /// Upper bounds.
+    pub upper: [[f32; 8]; 3],
+    /// See [`crate::bvh::wide::EMPTY`] and [`crate::bvh::wide::LEAF`].
+    pub children: [u32; 8],
+}
 }
 
 /// Packs a linear radiance into R9 G9 B8 with a 6-bit shared exponent (R in the low bits):
@@ -276,6 +349,20 @@ pub fn unpack_normal(packed: u32) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const HEADER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/kernels/shared/types.h");
+
+    #[test]
+    fn the_header_is_what_this_file_says() {
+        let written = std::fs::read_to_string(HEADER).unwrap();
+        assert!(written == types_header(), "run: cargo test --lib write_types_header -- --ignored");
+    }
+
+    #[test]
+    #[ignore = "writes kernels/shared/types.h"]
+    fn write_types_header() {
+        std::fs::write(HEADER, types_header()).unwrap();
+    }
 
     #[test]
     fn emission_survives_packing() {

@@ -1,6 +1,5 @@
 //! The wide tree's layout: struct of arrays in every node and leaf, for vectors of eight lanes.
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::LEAF_TRIANGLES;
@@ -16,16 +15,7 @@ pub const LEAF: u32 = 1 << 31;
 /// A child is [`EMPTY`], a leaf ([`LEAF`] set) or the index of a node. Empty slots have inverted,
 /// infinite bounds, but a walker must look at `children`, since an inverted box passes a slab test
 /// that takes the minimum and maximum of both planes.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct WideNode {
-    /// Lower bounds: x of the eight children, then y, then z.
-    pub lower: [[f32; 8]; 3],
-    /// Upper bounds.
-    pub upper: [[f32; 8]; 3],
-    /// See [`EMPTY`] and [`LEAF`].
-    pub children: [u32; 8],
-}
+pub use crate::layout::WideNode;
 
 impl WideNode {
     pub(super) const VACANT: WideNode =

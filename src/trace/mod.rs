@@ -1,1 +1,9 @@
-//! Tracing.
+//! What one OpenCL device does with its share of a frame: camera rays, what pixels see, the shading
+//! of samples.
+
+mod scene_buffers;
+mod source;
+mod tracer;
+
+pub use scene_buffers::{BufferBytes, SceneBuffers};
+pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer};

@@ -1,0 +1,108 @@
+// Shading of samples: 32 and more light rays each. One work-item shades one sample; its light rays
+// leave one point, so they travel as streams of 32.
+
+// Traces the light rays of one stream and adds their light. With bounces, reflected rays look for the
+// nearest surface instead of any, and go on from there.
+static uint add_stream(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, const Mixture *m,
+                       uint sample, uint first_ray, uint seed, Reflection *sum)
+{
+    uint n = min(shading->rays - first_ray, 32u);
+    float rotation = fraction(hash(sample ^ hash(seed + 7u)));
+    Stream stream;
+    Reflection weights[32];
+    uint straight = 0, bounced = 0, rays = 0;
+    for (uint i = 0; i < n; ++i) {
+        uint ray = first_ray + i;
+        float select = ((float)ray + rotation) / (float)shading->rays;
+        bool reflected;
+        float3 light = sample_mixture(scene, shading, s, m, view, min(select, 0.9999999f),
+                                      sobol(sample * shading->rays + ray, seed), &reflected);
+        float cosine = dot3(s->normal, light);
+        if (!(cosine > 0.0f) || !(dot3(s->geometric, light) > 0.0f))
+            continue;
+        float density = mixture_density(scene, shading, s, m, view, light);
+        if (!(density > 0.0f))
+            continue;
+        Reflection r = reflection(s, f0, view, light);
+        float scale = 1.0f / (density * (float)shading->rays);
+        weights[i].diffuse = r.diffuse * scale;
+        weights[i].specular = r.specular * scale;
+        set_ray(&stream, i, light, INFINITY);
+        if (shading->bounces > 0u && reflected)
+            bounced |= 1u << i;
+        else
+            straight |= 1u << i;
+    }
+    float3 origin = leave_surface(s);
+    uint lost = straight ? trace_stream(scene, origin, 0.0f, &stream, straight, ANY, seed) : 0u;
+    uint hits = bounced ? trace_stream(scene, origin, 0.0f, &stream, bounced, CLOSEST_FRONT, seed) : 0u;
+    rays = popcount(straight | bounced);
+    for (uint left = (straight & ~lost) | bounced; left; left &= left - 1u) {
+        uint i = lowest_bit(left);
+        float3 d = (float3)(stream.dx[i], stream.dy[i], stream.dz[i]);
+        float3 light;
+        if (hits >> i & 1u)
+            light = follow_path(scene, shading, origin, d, stream.triangle[i], stream.t_max[i], shading->bounces,
+                                hash(sample * 32u + i + hash(seed + first_ray)), &rays);
+        else
+            light = distant_light(scene, shading, d, s->occlusion);
+        sum->diffuse += weights[i].diffuse * light;
+        sum->specular += weights[i].specular * light;
+    }
+    return rays;
+}
+
+// Shades samples first .. first + count into records[first ..]; counters[0] sums light rays,
+// counters[1] samples whose estimate was not finite: these are marked by a depth of -1.
+__kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *samples, uint first,
+                            uint count, __global const HitRecord *hits, __global SampleRecord *records,
+                            __global uint *counters)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint index = (uint)get_global_id(0);
+    if (index >= count)
+        return;
+    index += first;
+    uint at = samples[index], x = at & 0xffffu, y = at >> 16;
+    HitRecord hit = hits[shading.hits_per_pixel ? y * camera.width + x : index];
+    float3 d = camera_ray(&camera, x, y);
+    SampleRecord record = {{0.0f, 0.0f, 0.0f}, 0.0f, {0.0f, 0.0f, 0.0f}, 0u};
+    Reflection sum = {0.0f, 0.0f};
+    float3 radiance = 0.0f;
+    if (hit.triangle == NONE) {
+        if (!shading.guided)
+            radiance = background(&scene, &shading, d);
+    } else {
+        Surface s = surface_at(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low), d,
+                               hit.t * camera.step[0]);
+        float3 f0 = specular_color(&s), view = -d;
+        record.depth = view_depth(&camera, d, hit.t);
+        record.normal = pack_normal(s.normal);
+        if (!s.unlit) {
+            Mixture m = mixture_at(&s, &shading, f0, view);
+            uint rays = 0;
+            for (uint ray = 0; ray < shading.rays; ray += 32u)
+                rays += add_stream(&scene, &shading, &s, f0, view, &m, index, ray, camera.seed, &sum);
+#if HAS_LIGHTS
+            rays += add_punctual(&scene, &shading, &s, f0, view, camera.seed, &sum);
+#endif
+            atomic_add(&counters[0], rays);
+        }
+        radiance = diffuse_color(&s) * sum.diffuse + f0 * sum.specular + s.emission;
+    }
+    float3 first_part = shading.guided ? sum.diffuse : radiance;
+    float3 second_part = shading.guided ? sum.specular : (float3)(0.0f);
+    if (!all_finite(first_part) || !all_finite(second_part)) {
+        atomic_inc(&counters[1]);
+        first_part = 0.0f;
+        second_part = 0.0f;
+        record.depth = -1.0f;
+    }
+    record.first[0] = first_part.x;
+    record.first[1] = first_part.y;
+    record.first[2] = first_part.z;
+    record.second[0] = second_part.x;
+    record.second[1] = second_part.y;
+    record.second[2] = second_part.z;
+    records[index] = record;
+}

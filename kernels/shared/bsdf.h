@@ -1,0 +1,84 @@
+// glTF 2.0's metallic-roughness reflection (its appendix B): Lambert under a Fresnel-weighted GGX
+// with Smith's height-correlated visibility. Directions are unit vectors away from the surface.
+
+// The two parts of the reflected share of light, cosine included. Multiplied by the diffuse colour
+// and by F0 they are the BRDF times cosine: what guided reconstruction interpolates has no texture.
+typedef struct {
+    float3 diffuse;
+    float3 specular;
+} Reflection;
+
+static float3 specular_color(const Surface *s) { return mix((float3)(0.04f), s->base, s->metallic); }
+
+static float3 diffuse_color(const Surface *s) { return s->base * (1.0f - s->metallic); }
+
+static float ggx(float alpha, float nh)
+{
+    float a2 = alpha * alpha;
+    float d = fma(nh * nh, a2 - 1.0f, 1.0f);
+    return a2 / max(PI * d * d, 1.0e-30f);
+}
+
+static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 light)
+{
+    Reflection r;
+    r.diffuse = 0.0f;
+    r.specular = 0.0f;
+    float nl = dot3(s->normal, light), nv = max(dot3(s->normal, view), 1.0e-4f);
+    if (nl <= 0.0f)
+        return r;
+    float3 h = unit_or(view + light, s->normal);
+    float nh = clamp(dot3(s->normal, h), 0.0f, 1.0f), vh = clamp(dot3(view, h), 0.0f, 1.0f);
+    float m = 1.0f - vh;
+    float3 fresnel = f0 + (1.0f - f0) * (m * m * m * m * m);
+    float a2 = s->alpha * s->alpha;
+    float smith = nl * sqrt(fma(nv * nv, 1.0f - a2, a2)) + nv * sqrt(fma(nl * nl, 1.0f - a2, a2));
+    r.diffuse = (1.0f - fresnel) * (nl / PI);
+    r.specular = fresnel / max(f0, 1.0e-3f) * (ggx(s->alpha, nh) * 0.5f / max(smith, 1.0e-20f) * nl);
+    return r;
+}
+
+// Share of reflected rays that follow the specular lobe.
+static float specular_share(const Surface *s, float3 f0, float3 view)
+{
+    float m = 1.0f - clamp(dot3(s->normal, view), 0.0f, 1.0f);
+    float strength = luminance(f0) + (1.0f - luminance(f0)) * m * m * m * m * m;
+    float diffuse = luminance(diffuse_color(s));
+    return clamp(strength / max(strength + diffuse, 1.0e-6f), 0.1f, 0.9f);
+}
+
+// Visible GGX normals by spherical caps (Dupuy and Benyoub 2023), reflected.
+static float3 sample_specular(const Surface *s, float3 view, float2 u)
+{
+    float3 t, b;
+    frame_around(s->normal, &t, &b);
+    float3 in = (float3)(dot3(view, t), dot3(view, b), max(dot3(view, s->normal), 1.0e-4f));
+    float3 std = normalize((float3)(in.xy * s->alpha, in.z));
+    float phi = 2.0f * PI * u.x;
+    float z = fma(1.0f - u.y, 1.0f + std.z, -std.z);
+    float r = sqrt(clamp(1.0f - z * z, 0.0f, 1.0f));
+    float3 h = (float3)(r * cos(phi), r * sin(phi), z) + std;
+    h = normalize((float3)(h.xy * s->alpha, max(h.z, 0.0f)));
+    float3 normal = t * h.x + b * h.y + s->normal * h.z;
+    return normal * (2.0f * dot3(view, normal)) - view;
+}
+
+static float specular_density(const Surface *s, float3 view, float3 light)
+{
+    float nv = max(dot3(s->normal, view), 1.0e-4f);
+    float3 h = unit_or(view + light, s->normal);
+    float nh = clamp(dot3(s->normal, h), 0.0f, 1.0f);
+    float a2 = s->alpha * s->alpha;
+    // G1(v) D(h) (v.h) / (n.v) / (4 v.h)
+    return ggx(s->alpha, nh) * 0.5f / (nv + sqrt(fma(nv * nv, 1.0f - a2, a2)));
+}
+
+static float3 sample_diffuse(const Surface *s, float2 u)
+{
+    float3 t, b;
+    frame_around(s->normal, &t, &b);
+    float r = sqrt(u.y), phi = 2.0f * PI * u.x;
+    return t * (r * cos(phi)) + b * (r * sin(phi)) + s->normal * sqrt(max(1.0f - u.y, 0.0f));
+}
+
+static float diffuse_density(const Surface *s, float3 light) { return max(dot3(s->normal, light), 0.0f) / PI; }

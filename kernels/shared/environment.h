@@ -1,0 +1,89 @@
+// Light from infinitely far: a latitude-longitude map and a sun.
+
+static float2 environment_uv(float3 d)
+{
+    return (float2)(0.5f + atan2pi(d.x, -d.z) * 0.5f, acospi(clamp(d.y, -1.0f, 1.0f)));
+}
+
+// Bilinear radiance of the map.
+static float3 environment_radiance(const Scene *scene, const Shading *shading, float3 d)
+{
+    int width = (int)shading->environment_width, height = (int)shading->environment_height;
+    float2 at = environment_uv(d) * (float2)((float)width, (float)height) - 0.5f;
+    float2 base = floor(at), f = at - base;
+    int x0 = (int)base.x, y0 = (int)base.y;
+    int x1 = x0 + 1 >= width ? 0 : x0 + 1;
+    x0 = x0 < 0 ? width - 1 : x0;
+    int y1 = min(y0 + 1, height - 1);
+    y0 = max(y0, 0);
+    float3 a = gload3(scene->environment[y0 * width + x0].radiance), b = gload3(scene->environment[y0 * width + x1].radiance);
+    float3 c = gload3(scene->environment[y1 * width + x0].radiance), d1 = gload3(scene->environment[y1 * width + x1].radiance);
+    return mix(mix(a, b, f.x), mix(c, d1, f.x), f.y);
+}
+
+static uint environment_texel(const Shading *shading, float2 uv)
+{
+    uint x = min((uint)(uv.x * (float)shading->environment_width), shading->environment_width - 1u);
+    uint y = min((uint)(uv.y * (float)shading->environment_height), shading->environment_height - 1u);
+    return y * shading->environment_width + x;
+}
+
+// Density per steradian with which sample_environment chooses d.
+static float environment_density(const Scene *scene, const Shading *shading, float3 d)
+{
+    return scene->environment[environment_texel(shading, environment_uv(d))].density;
+}
+
+// A direction with the density stored in the map, uniform over the solid angle inside a texel; `u`
+// are 32-bit fractions.
+static float3 sample_environment(const Scene *scene, const Shading *shading, uint2 u)
+{
+    uint width = shading->environment_width, height = shading->environment_height;
+    uint chosen = mul_hi(u.x, width * height), rest = u.x * (width * height);
+    Alias entry = scene->alias[chosen];
+    // What is left of the first fraction, spread out again, places the direction inside the texel.
+    float inside;
+    if (rest < entry.threshold) {
+        inside = (float)rest / (float)entry.threshold;
+    } else {
+        inside = (float)(rest - entry.threshold) / max((float)(0xffffffffu - entry.threshold), 1.0f);
+        chosen = entry.alias;
+    }
+    float x = (float)(chosen % width), y = (float)(chosen / width);
+    float phi = (x + min(inside, 0.999999f)) / (float)width * 2.0f - 1.0f;
+    float top = cospi(y / (float)height), bottom = cospi((y + 1.0f) / (float)height);
+    float cosine = mix(top, bottom, fraction(u.y));
+    float sine = sqrt(max(1.0f - cosine * cosine, 0.0f));
+    return (float3)(sine * sinpi(phi), cosine, -sine * cospi(phi));
+}
+
+#if HAS_SUN
+static bool inside_sun(const Shading *shading, float3 d)
+{
+    // By the chord, since the cosine of so small an angle has lost its digits: |d - s|^2 = 2 (1 - cos).
+    float3 chord = d - load3(shading->sun_direction);
+    return dot3(chord, chord) <= 2.0f * shading->sun_one_minus_cos;
+}
+
+static float3 sample_sun(const Shading *shading, float2 u)
+{
+    float3 s = load3(shading->sun_direction), t, b;
+    frame_around(s, &t, &b);
+    float one_minus = u.y * shading->sun_one_minus_cos;
+    float r = sqrt(one_minus * (2.0f - one_minus)), phi = 2.0f * PI * u.x;
+    return t * (r * cos(phi)) + b * (r * sin(phi)) + s * (1.0f - one_minus);
+}
+
+static float sun_density(const Shading *shading) { return 1.0f / (2.0f * PI * shading->sun_one_minus_cos); }
+#endif
+
+// What a ray that hits nothing sees.
+static float3 background(const Scene *scene, const Shading *shading, float3 d)
+{
+    float3 radiance = environment_radiance(scene, shading, d);
+#if HAS_SUN
+    if (inside_sun(shading, d))
+        radiance += load3(shading->sun_radiance);
+#endif
+    return radiance;
+}

@@ -1,0 +1,165 @@
+// Light at a surface: from the environment and the sun by multiple importance sampling (Veach 1997,
+// the balance heuristic over one mixture), from punctual lights, and over further bounces.
+
+// Shares of the light rays of one surface that follow each technique; they sum to 1.
+typedef struct {
+    float sun;
+    float environment;
+    float specular;
+    float diffuse;
+} Mixture;
+
+static Mixture mixture_at(const Surface *s, const Shading *shading, float3 f0, float3 view)
+{
+    Mixture m;
+    m.sun = shading->sun_share;
+    m.environment = shading->environment_share;
+#if HAS_SUN
+    // A sun wholly below the horizon gets no rays.
+    if (dot3(s->normal, load3(shading->sun_direction)) < -sqrt(2.0f * shading->sun_one_minus_cos))
+        m.sun = 0.0f;
+#endif
+    float rest = 1.0f - m.sun - m.environment;
+    m.specular = rest * specular_share(s, f0, view);
+    m.diffuse = rest - m.specular;
+    return m;
+}
+
+static float mixture_density(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m,
+                             float3 view, float3 light)
+{
+    float density = m->specular * specular_density(s, view, light) + m->diffuse * diffuse_density(s, light);
+    if (m->environment > 0.0f)
+        density += m->environment * environment_density(scene, shading, light);
+#if HAS_SUN
+    if (m->sun > 0.0f && inside_sun(shading, light))
+        density += m->sun * sun_density(shading);
+#endif
+    return density;
+}
+
+// A direction of the mixture: `select` in [0, 1) chooses the technique.
+static float3 sample_mixture(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 view,
+                             float select, uint2 u, bool *reflected)
+{
+    float2 f = (float2)(fraction(u.x), fraction(u.y));
+    *reflected = false;
+#if HAS_SUN
+    if (select < m->sun)
+        return sample_sun(shading, f);
+#endif
+    if (select < m->sun + m->environment)
+        return sample_environment(scene, shading, u);
+    *reflected = true;
+    if (select < m->sun + m->environment + m->specular)
+        return sample_specular(s, view, f);
+    return sample_diffuse(s, f);
+}
+
+// Environment light from direction d: the map dimmed by baked occlusion, the sun not.
+static float3 distant_light(const Scene *scene, const Shading *shading, float3 d, float occlusion)
+{
+    float3 radiance = environment_radiance(scene, shading, d) * occlusion;
+#if HAS_SUN
+    if (inside_sun(shading, d))
+        radiance += load3(shading->sun_radiance);
+#endif
+    return radiance;
+}
+
+#if HAS_LIGHTS
+// Irradiance-like intensity of a punctual light at a point, the direction towards it and its distance
+// (KHR_lights_punctual).
+static float3 punctual(__global const Light *light, float3 position, float3 *direction, float *distance)
+{
+    float3 intensity = gload3(light->intensity);
+    if (light->kind == 1u) {
+        *direction = -gload3(light->direction);
+        *distance = INFINITY;
+        return intensity;
+    }
+    float3 to = gload3(light->position) - position;
+    float d2 = dot3(to, to);
+    *distance = sqrt(d2);
+    *direction = unit_or(to, (float3)(0.0f, 1.0f, 0.0f));
+    float window = 1.0f;
+    if (isfinite(light->range)) {
+        float x = d2 / (light->range * light->range);
+        window = clamp(1.0f - x * x, 0.0f, 1.0f);
+    }
+    float falloff = window / max(d2, 1.0e-12f);
+    if (light->kind == 2u) {
+        float scale = 1.0f / max(light->cos_inner - light->cos_outer, 1.0e-3f);
+        float cone = clamp((dot3(gload3(light->direction), -*direction) - light->cos_outer) * scale, 0.0f, 1.0f);
+        falloff *= cone * cone;
+    }
+    return intensity * falloff;
+}
+
+static uint add_punctual(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, uint seed,
+                         Reflection *sum)
+{
+    uint rays = 0;
+    float3 origin = leave_surface(s);
+    for (uint i = 0; i < shading->lights; ++i) {
+        float3 direction;
+        float distance;
+        float3 light = punctual(scene->lights + i, s->position, &direction, &distance);
+        Reflection r = reflection(s, f0, view, direction);
+        if (!(max3(light) > 0.0f) || dot3(s->geometric, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
+            continue;
+        Stream one;
+        set_ray(&one, 0, direction, distance);
+        ++rays;
+        if (trace_stream(scene, origin, 0.0f, &one, 1u, ANY, seed))
+            continue;
+        sum->diffuse += r.diffuse * light;
+        sum->specular += r.specular * light;
+    }
+    return rays;
+}
+#endif
+
+// Radiance that leaves surface s towards `view` over `bounces` further surfaces, with one path.
+// Iterative: each step adds distant and punctual light by one ray and goes on along a reflected one.
+static float3 follow_path(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t,
+                          uint bounces, uint seed, uint *rays)
+{
+    float3 sum = 0.0f, throughput = 1.0f;
+    for (uint bounce = 0;; ++bounce) {
+        // A wide cone: what a bounce sees is blurred by the next one.
+        Surface s = surface_at(scene, place, origin, 0.0f, d, 0.05f * t);
+        sum += throughput * s.emission;
+        if (s.unlit)
+            return sum;
+        float3 view = -d, f0 = specular_color(&s), base = diffuse_color(&s);
+        origin = leave_surface(&s);
+#if HAS_LIGHTS
+        Reflection lit = {0.0f, 0.0f};
+        *rays += add_punctual(scene, shading, &s, f0, view, seed, &lit);
+        sum += throughput * (base * lit.diffuse + f0 * lit.specular);
+#endif
+        Mixture m = mixture_at(&s, shading, f0, view);
+        uint2 u = (uint2)(hash(seed + 4u * bounce + 1u), hash(seed + 4u * bounce + 2u));
+        bool reflected;
+        float3 light = sample_mixture(scene, shading, &s, &m, view, fraction(hash(seed + 4u * bounce + 3u)), u, &reflected);
+        float density = mixture_density(scene, shading, &s, &m, view, light);
+        Reflection r = reflection(&s, f0, view, light);
+        if (!(density > 0.0f) || dot3(s.geometric, light) <= 0.0f)
+            return sum;
+        float3 weight = (base * r.diffuse + f0 * r.specular) / density;
+        Stream one;
+        set_ray(&one, 0, light, INFINITY);
+        ++*rays;
+        if (!trace_stream(scene, origin, 0.0f, &one, 1u, CLOSEST_FRONT, seed))
+            return sum + throughput * weight * distant_light(scene, shading, light, s.occlusion);
+        // The path goes on along the same ray: what it hits is the light from that direction.
+        if (bounce + 1u >= bounces)
+            return sum;
+        throughput *= weight;
+        d = light;
+        place = one.triangle[0];
+        t = one.t_max[0];
+        seed = hash(seed ^ 0x9e3779b9u);
+    }
+}

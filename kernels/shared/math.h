@@ -1,0 +1,94 @@
+// Small helpers, and the packing that src/layout.rs documents.
+
+// Contraction would break the exact antisymmetry of cross products that watertightness rests on;
+// fused operations are written out where they are wanted.
+#pragma OPENCL FP_CONTRACT OFF
+
+#define PI 3.14159265358979f
+#define NONE 0xffffffffu
+
+static float3 load3(const float *v) { return (float3)(v[0], v[1], v[2]); }
+static float3 gload3(__global const float *v) { return (float3)(v[0], v[1], v[2]); }
+
+static float dot3(float3 a, float3 b) { return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z)); }
+
+static float max3(float3 v) { return max(v.x, max(v.y, v.z)); }
+
+// Luminance of linear Rec. 709.
+static float luminance(float3 c) { return dot3(c, (float3)(0.2126f, 0.7152f, 0.0722f)); }
+
+static bool all_finite(float3 v) { return isfinite(v.x) && isfinite(v.y) && isfinite(v.z); }
+
+// A unit vector; `otherwise` where v has no direction.
+static float3 unit_or(float3 v, float3 otherwise)
+{
+    // Scaled first, so that squares neither overflow nor vanish.
+    float largest = max3(fabs(v));
+    if (!(largest > 0.0f) || !isfinite(largest))
+        return otherwise;
+    v /= largest;
+    return v * rsqrt(dot3(v, v));
+}
+
+// An orthonormal frame around unit n (Duff et al. 2017).
+static void frame_around(float3 n, float3 *t, float3 *b)
+{
+    float sign = copysign(1.0f, n.z);
+    float a = -1.0f / (sign + n.z);
+    float c = n.x * n.y * a;
+    *t = (float3)(1.0f + sign * n.x * n.x * a, sign * c, -sign * n.x);
+    *b = (float3)(c, sign + n.y * n.y * a, -n.y);
+}
+
+static uint lowest_bit(uint v) { return 31u - clz(v & (0u - v)); }
+
+static uint snorm16(float v) { return (uint)convert_int_rte(clamp(v, -1.0f, 1.0f) * 32767.0f) & 0xffffu; }
+
+static uint pack_normal(float3 n)
+{
+    float sum = fabs(n.x) + fabs(n.y) + fabs(n.z);
+    float x = n.x / sum, y = n.y / sum;
+    if (n.z < 0.0f) {
+        float fold_x = (1.0f - fabs(y)) * (x >= 0.0f ? 1.0f : -1.0f);
+        y = (1.0f - fabs(x)) * (y >= 0.0f ? 1.0f : -1.0f);
+        x = fold_x;
+    }
+    return snorm16(x) | snorm16(y) << 16;
+}
+
+static float3 unpack_normal(uint packed)
+{
+    float x = max((float)(short)(packed & 0xffffu) / 32767.0f, -1.0f);
+    float y = max((float)(short)(packed >> 16) / 32767.0f, -1.0f);
+    float z = 1.0f - fabs(x) - fabs(y);
+    float fold = max(-z, 0.0f);
+    x -= x >= 0.0f ? fold : -fold;
+    y -= y >= 0.0f ? fold : -fold;
+    return normalize((float3)(x, y, z));
+}
+
+static uint pack_emission(float3 rgb)
+{
+    rgb.x = isfinite(rgb.x) ? clamp(rgb.x, 0.0f, 4.0e9f) : 0.0f;
+    rgb.y = isfinite(rgb.y) ? clamp(rgb.y, 0.0f, 4.0e9f) : 0.0f;
+    rgb.z = isfinite(rgb.z) ? clamp(rgb.z, 0.0f, 4.0e9f) : 0.0f;
+    float largest = max3(rgb);
+    if (largest < 1.0e-9f)
+        return 0u;
+    int exponent = clamp(ilogb(largest) + 1, -31, 32);
+    float3 f = rgb * ldexp(1.0f, -exponent);
+    uint r = min((uint)(f.x * 512.0f + 0.5f), 511u);
+    uint g = min((uint)(f.y * 512.0f + 0.5f), 511u);
+    uint b = min((uint)(f.z * 256.0f + 0.5f), 255u);
+    return r | g << 9 | b << 18 | (uint)(exponent + 31) << 26;
+}
+
+static uint unorm8(float v) { return (uint)(clamp(v, 0.0f, 1.0f) * 255.0f + 0.5f); }
+
+static uint pack_albedo(float3 base, float metallic, float roughness)
+{
+    uint metal4 = (uint)(clamp(metallic, 0.0f, 1.0f) * 15.0f + 0.5f);
+    uint rough4 = (uint)(clamp(roughness, 0.0f, 1.0f) * 15.0f + 0.5f);
+    float3 root = sqrt(max(base, 0.0f));
+    return unorm8(root.x) | unorm8(root.y) << 8 | unorm8(root.z) << 16 | metal4 << 24 | rough4 << 28;
+}

@@ -1,0 +1,52 @@
+// Owen-scrambled Sobol points in two dimensions (Burley 2020, with Laine and Karras' hash), taken
+// from one long sequence in the order of the samples: since neighbours in the image are neighbours
+// in that order, what a filter averages is stratified as a whole (Ahmed and Wonka 2020).
+
+static uint hash(uint x)
+{
+    x ^= x >> 16;
+    x *= 0x21f0aaadu;
+    x ^= x >> 15;
+    x *= 0x735a2d97u;
+    return x ^ (x >> 15);
+}
+
+static uint reverse_bits(uint x)
+{
+    x = (x >> 1 & 0x55555555u) | (x & 0x55555555u) << 1;
+    x = (x >> 2 & 0x33333333u) | (x & 0x33333333u) << 2;
+    x = (x >> 4 & 0x0f0f0f0fu) | (x & 0x0f0f0f0fu) << 4;
+    x = (x >> 8 & 0x00ff00ffu) | (x & 0x00ff00ffu) << 8;
+    return x >> 16 | x << 16;
+}
+
+static uint laine_karras(uint x, uint seed)
+{
+    x += seed;
+    x ^= x * 0x6c50b47cu;
+    x ^= x * 0xb82f1e52u;
+    x ^= x * 0xc7afe638u;
+    return x ^ x * 0x8d22f6e6u;
+}
+
+// The second Sobol dimension with its bits reversed: Pascal's triangle modulo 2.
+static uint pascal(uint x)
+{
+    x ^= x >> 1 & 0x55555555u;
+    x ^= x >> 2 & 0x33333333u;
+    x ^= x >> 4 & 0x0f0f0f0fu;
+    x ^= x >> 8 & 0x00ff00ffu;
+    return x ^ x >> 16;
+}
+
+// Point `index` of the sequence `seed`, as 32-bit fractions.
+static uint2 sobol(uint index, uint seed)
+{
+    index = reverse_bits(laine_karras(reverse_bits(index), hash(seed)));
+    uint x = reverse_bits(laine_karras(index, hash(seed ^ 0x68bc21ebu)));
+    uint y = reverse_bits(laine_karras(pascal(index), hash(seed ^ 0x02e5be93u)));
+    return (uint2)(x, y);
+}
+
+// In [0, 1): 24 bits, so that no rounding reaches 1.
+static float fraction(uint bits) { return (float)(bits >> 8) * 0x1p-24f; }

@@ -1,0 +1,44 @@
+// The scene's buffers. What a scene does not require is a null pointer behind a feature of 0.
+
+typedef struct {
+    __global const WideNode *nodes;
+    __global const float *leaves;
+    __global const Triangle *triangles;
+    __global const uint *normals;
+    __global const float4 *tangents;
+    __global const float2 *uv0;
+    __global const float2 *uv1;
+    __global const uint *colors;
+    __global const Material *materials;
+    __global const TextureInfo *textures;
+    __global const uint *texels;
+    __global const Light *lights;
+    __global const EnvironmentTexel *environment;
+    __global const Alias *alias;
+} Scene;
+
+#define SCENE_PARAMETERS                                                                            \
+    __global const WideNode *nodes, __global const float *leaves, __global const Triangle *triangles, \
+        __global const uint *normals, __global const float4 *tangents, __global const float2 *uv0,   \
+        __global const float2 *uv1, __global const uint *colors, __global const Material *materials, \
+        __global const TextureInfo *textures, __global const uint *texels, __global const Light *lights, \
+        __global const EnvironmentTexel *environment, __global const Alias *alias
+
+#define SCENE_ARGUMENTS                                                                              \
+    {                                                                                                \
+        nodes, leaves, triangles, normals, tangents, uv0, uv1, colors, materials, textures, texels,  \
+            lights, environment, alias                                                               \
+    }
+
+#define TRIANGLE_MATERIAL(packed) ((packed) & 0xfffffu)
+#define TRIANGLE_LANE(packed) ((packed) >> 20 & 7u)
+#define TRIANGLE_LEAF_LENGTH(packed) (((packed) >> 23 & 7u) + 1u)
+
+// A triangle's vertex positions, relative to the anchor.
+static void triangle_corners(const Scene *scene, uint place, uint packed, float3 v[3])
+{
+    uint lane = TRIANGLE_LANE(packed), n = TRIANGLE_LEAF_LENGTH(packed);
+    __global const float *leaf = scene->leaves + 9u * (place - lane) + lane;
+    for (int corner = 0; corner < 3; ++corner)
+        v[corner] = (float3)(leaf[3 * corner * n], leaf[(3 * corner + 1) * n], leaf[(3 * corner + 2) * n]);
+}

@@ -1,0 +1,109 @@
+// Written from src/layout.rs: change it there.
+
+typedef struct {
+    float first[3];
+    float depth;
+    float second[3];
+    uint normal;
+} SampleRecord;
+
+typedef struct {
+    uint normal;
+    float depth;
+    uint albedo;
+    uint emission;
+} VisibilityRecord;
+
+typedef struct {
+    uint triangle;
+    float t;
+} HitRecord;
+
+typedef struct {
+    float rotation[3][4];
+    float origin[4];
+    float origin_low[4];
+    float corner[2];
+    float step[2];
+    uint width;
+    uint height;
+    uint seed;
+    uint jitter;
+} Camera;
+
+typedef struct {
+    uint rays;
+    uint bounces;
+    uint guided;
+    uint hits_per_pixel;
+    uint lights;
+    uint environment_width;
+    uint environment_height;
+    float sun_share;
+    float environment_share;
+    float sun_direction[3];
+    float sun_radiance[3];
+    float sun_one_minus_cos;
+} Shading;
+
+typedef struct {
+    uint vertices[3];
+    uint packed;
+} Triangle;
+
+typedef struct {
+    uint texture;
+    uint uv_slot;
+    float matrix[4];
+    float offset[2];
+} TextureUse;
+
+typedef struct {
+    float base_color[4];
+    float emissive[3];
+    float metallic;
+    float roughness;
+    float normal_scale;
+    float occlusion_strength;
+    float alpha_cutoff;
+    uint unlit;
+    TextureUse textures[5];
+} Material;
+
+typedef struct {
+    uint offset;
+    uint width;
+    uint height;
+    uint packed;
+} TextureInfo;
+
+typedef struct {
+    float intensity[3];
+    uint kind;
+    float position[3];
+    float range;
+    float direction[3];
+    float cos_inner;
+    float cos_outer;
+} Light;
+
+typedef struct {
+    float radiance[3];
+    float density;
+} EnvironmentTexel;
+
+typedef struct {
+    uint threshold;
+    uint alias;
+} Alias;
+
+typedef struct {
+    float lower[3][8];
+    float upper[3][8];
+    uint children[8];
+} WideNode;
+
+#define LEAF 0x80000000u
+#define EMPTY 0xffffffffu
+#define TRIANGLE_ALPHA 0x4000000u
+#define TRIANGLE_DOUBLE_SIDED 0x8000000u

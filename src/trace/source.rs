@@ -1,0 +1,38 @@
+//! The kernels' text, and the options they are built with.
+
+use crate::scene::Features;
+
+/// All kernel files, in the order in which they depend on each other. They travel in the program and
+/// are one translation unit, since not every driver finds include files.
+const FILES: [&str; 14] = [
+    include_str!("../../kernels/shared/types.h"),
+    include_str!("../../kernels/shared/math.h"),
+    include_str!("../../kernels/shared/random.h"),
+    include_str!("../../kernels/shared/scene.h"),
+    include_str!("../../kernels/shared/texture.h"),
+    include_str!("../../kernels/shared/traverse.h"),
+    include_str!("../../kernels/shared/surface.h"),
+    include_str!("../../kernels/shared/bsdf.h"),
+    include_str!("../../kernels/shared/environment.h"),
+    include_str!("../../kernels/shared/light.h"),
+    include_str!("../../kernels/shared/camera.h"),
+    include_str!("../../kernels/trace.cl"),
+    include_str!("../../kernels/visibility.cl"),
+    include_str!("../../kernels/shade.cl"),
+];
+
+/// The whole text.
+pub fn text() -> String {
+    FILES.join("\n")
+}
+
+/// Build options: every feature, always defined, and the depth of the kernels' stacks.
+pub fn options(features: &Features, tree_depth: u32) -> String {
+    let mut options = String::from("-cl-std=CL1.2");
+    for (name, on) in features.defines() {
+        options += &format!(" -D {name}={}", u32::from(on));
+    }
+    // Seven siblings wait at every level. Rounded up, so that scenes share built kernels.
+    let entries = (tree_depth * 7 + 1).next_multiple_of(64);
+    options + &format!(" -D STACK_SIZE={entries}")
+}
