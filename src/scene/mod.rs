@@ -8,6 +8,7 @@ pub mod environment;
 pub mod features;
 pub mod generate;
 pub mod gltf;
+pub mod importance;
 pub mod material;
 pub mod sky;
 pub mod texture;
