@@ -5,6 +5,7 @@
 #![deny(unsafe_code)]
 
 pub mod bvh;
+pub mod config;
 pub mod error;
 pub mod foveation;
 pub mod gpu;
