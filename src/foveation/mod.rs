@@ -1,10 +1,12 @@
 //! Where the eye looks, how sharp it sees there, and which pixels are sampled for it.
 
+pub mod gaze;
 pub mod law;
 pub mod mask;
 mod order;
 pub mod pattern;
 
+pub use gaze::{GazeFilter, GazePoint, GazeSample, GazeState, GazeTarget};
 pub use law::{Density, Law};
 pub use mask::BitMask;
 pub use pattern::Pattern;
