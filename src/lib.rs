@@ -11,6 +11,7 @@ pub mod foveation;
 pub mod gpu;
 pub mod layout;
 pub mod math;
+pub mod reconstruct;
 pub mod scene;
 pub mod trace;
 

@@ -1,3 +1,4 @@
 //! The machine's compute and graphics devices, behind safe interfaces.
 
 pub mod opencl;
+pub mod vulkan;

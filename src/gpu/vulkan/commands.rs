@@ -1,0 +1,462 @@
+//! Recording, submitting and timing.
+#![allow(unsafe_code)]
+
+use std::any::Any;
+use std::sync::Arc;
+use std::time::Instant;
+
+use ash::vk;
+
+use super::context::Context;
+use super::image::{Target, color_range};
+use super::memory::{BufferRef, HostBuffer};
+use super::pipeline::{ComputePipeline, PassPipeline, Pipeline};
+use crate::error::Result;
+
+/// Stages that one submission can time.
+const TIMESTAMPS: u32 = 16;
+/// Bindings of buffers in one submission, and sets of them.
+const BINDINGS: u32 = 4096;
+const SETS: u32 = 1024;
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rect {
+    /// Pixels from the left edge.
+    pub x: u32,
+    /// Pixels from the upper edge.
+    pub y: u32,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+impl Rect {
+    fn to_vk(self) -> vk::Rect2D {
+        vk::Rect2D {
+            offset: vk::Offset2D { x: self.x as i32, y: self.y as i32 },
+            extent: vk::Extent2D { width: self.width, height: self.height },
+        }
+    }
+}
+
+/// How long a stage of a submission took.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageTime {
+    /// The stage's name.
+    pub stage: &'static str,
+    /// Milliseconds on the device.
+    pub ms: f64,
+}
+
+/// One command buffer, recorded anew for each submission.
+///
+/// [`Commands::begin`], record, [`Commands::submit`], [`Commands::wait`]. What is recorded runs in
+/// order after [`Commands::barrier`]s only.
+pub struct Commands {
+    context: Context,
+    pool: vk::CommandPool,
+    buffer: vk::CommandBuffer,
+    descriptors: vk::DescriptorPool,
+    queries: vk::QueryPool,
+    fence: vk::Fence,
+    /// Names of the stages timed: stage i lies between queries i and i + 1.
+    stages: Vec<&'static str>,
+    submitted: Option<Instant>,
+    /// What the submission uses.
+    held: Vec<Arc<dyn Any + Send + Sync>>,
+}
+
+impl Commands {
+    /// An empty command buffer.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] without memory.
+    pub fn new(context: &Context) -> Result<Self> {
+        let device = &context.0.device;
+        let mut commands = Commands {
+            context: context.clone(),
+            pool: vk::CommandPool::null(),
+            buffer: vk::CommandBuffer::null(),
+            descriptors: vk::DescriptorPool::null(),
+            queries: vk::QueryPool::null(),
+            fence: vk::Fence::null(),
+            stages: Vec::new(),
+            submitted: None,
+            held: Vec::new(),
+        };
+        let refused = |code| context.refused("a command buffer", code);
+        let pool = vk::CommandPoolCreateInfo::default().queue_family_index(context.0.queue_family);
+        let sizes = [vk::DescriptorPoolSize::default()
+            .ty(vk::DescriptorType::STORAGE_BUFFER)
+            .descriptor_count(BINDINGS)];
+        let descriptors = vk::DescriptorPoolCreateInfo::default().max_sets(SETS).pool_sizes(&sizes);
+        let queries = vk::QueryPoolCreateInfo::default()
+            .query_type(vk::QueryType::TIMESTAMP)
+            .query_count(TIMESTAMPS + 1);
+        // SAFETY: the infos are valid; what is made is destroyed by the struct's drop.
+        unsafe {
+            commands.pool = device.create_command_pool(&pool, None).map_err(refused)?;
+            let info = vk::CommandBufferAllocateInfo::default()
+                .command_pool(commands.pool)
+                .level(vk::CommandBufferLevel::PRIMARY)
+                .command_buffer_count(1);
+            commands.buffer = device.allocate_command_buffers(&info).map_err(refused)?[0];
+            commands.descriptors = device.create_descriptor_pool(&descriptors, None).map_err(refused)?;
+            commands.fence =
+                device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(refused)?;
+            if context.0.timestamps {
+                commands.queries = device.create_query_pool(&queries, None).map_err(refused)?;
+            }
+        }
+        Ok(commands)
+    }
+
+    /// Begins anew, after what was submitted before is done.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device is lost.
+    pub fn begin(&mut self) -> Result<()> {
+        self.wait()?;
+        self.stages.clear();
+        let device = &self.context.0.device;
+        let refused = |code| self.context.refused("recording commands", code);
+        let info =
+            vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: nothing of the pools is in use any more.
+        unsafe {
+            device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()).map_err(refused)?;
+            device
+                .reset_descriptor_pool(self.descriptors, vk::DescriptorPoolResetFlags::empty())
+                .map_err(refused)?;
+            device.begin_command_buffer(self.buffer, &info).map_err(refused)?;
+            if self.context.0.timestamps {
+                device.cmd_reset_query_pool(self.buffer, self.queries, 0, TIMESTAMPS + 1);
+            }
+        }
+        self.barrier();
+        self.timestamp(0);
+        Ok(())
+    }
+
+    fn timestamp(&self, query: u32) {
+        if self.context.0.timestamps && query <= TIMESTAMPS {
+            let stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
+            // SAFETY: the query lies in the pool and is written once after its reset.
+            unsafe {
+                self.context.0.device.cmd_write_timestamp(self.buffer, stage, self.queries, query);
+            }
+        }
+    }
+
+    /// Ends a stage that began at the last one's end: its time is in [`Commands::wait`]'s answer.
+    pub fn end_stage(&mut self, stage: &'static str) {
+        self.barrier();
+        if self.stages.len() < TIMESTAMPS as usize {
+            self.stages.push(stage);
+            self.timestamp(self.stages.len() as u32);
+        }
+    }
+
+    /// Everything recorded or submitted before, and everything written by the host, is seen by what follows.
+    pub fn barrier(&self) {
+        let all = vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE;
+        let memory = [vk::MemoryBarrier::default().src_access_mask(all).dst_access_mask(all)];
+        let stages = vk::PipelineStageFlags::ALL_COMMANDS | vk::PipelineStageFlags::HOST;
+        let flags = vk::DependencyFlags::empty();
+        // SAFETY: the command buffer is being recorded, outside a render pass.
+        unsafe {
+            self.context.0.device.cmd_pipeline_barrier(self.buffer, stages, stages, flags, &memory, &[], &[]);
+        }
+    }
+
+    /// Copies bytes from the start of one buffer to the start of another.
+    ///
+    /// # Panics
+    /// If they do not fit.
+    pub fn copy(&mut self, from: &BufferRef, to: &BufferRef, size: usize) {
+        assert!(size <= from.size() && size <= to.size(), "{size} bytes do not fit both buffers");
+        let region = [vk::BufferCopy::default()
+            .src_offset(from.offset)
+            .dst_offset(to.offset)
+            .size(size as u64)];
+        // SAFETY: the region lies in both buffers, which are held until the copy is done.
+        unsafe {
+            self.context.0.device.cmd_copy_buffer(
+                self.buffer,
+                from.allocation.buffer,
+                to.allocation.buffer,
+                &region,
+            );
+        }
+        self.hold_buffers(&[from, to]);
+    }
+
+    /// Fills a buffer with zeros.
+    pub fn fill_zero(&mut self, buffer: &BufferRef) {
+        let size = if buffer.size() % 4 == 0 { buffer.size } else { vk::WHOLE_SIZE };
+        // SAFETY: the range lies in the buffer, which is held until the commands are done.
+        unsafe {
+            let handle = buffer.allocation.buffer;
+            self.context.0.device.cmd_fill_buffer(self.buffer, handle, buffer.offset, size, 0);
+        }
+        self.hold_buffers(&[buffer]);
+    }
+
+    /// Runs a compute shader on groups of its work-group size. `buffers` go to the bindings from 0 on;
+    /// a `None` is a binding that the entry point does not use.
+    ///
+    /// # Panics
+    /// If buffers or push constants are not as many as the shader has.
+    pub fn dispatch(
+        &mut self,
+        pipeline: &ComputePipeline,
+        buffers: &[Option<&BufferRef>],
+        push: &[u8],
+        groups: [u32; 3],
+    ) -> Result<()> {
+        let point = vk::PipelineBindPoint::COMPUTE;
+        self.bind(&pipeline.0, point, buffers, push)?;
+        // SAFETY: pipeline, bindings and push constants are in place.
+        unsafe {
+            self.context.0.device.cmd_dispatch(self.buffer, groups[0], groups[1], groups[2]);
+        }
+        Ok(())
+    }
+
+    /// Runs a fragment shader on each pixel of a rectangle of a target.
+    ///
+    /// # Panics
+    /// As [`Commands::dispatch`], or if the rectangle reaches beyond the target.
+    pub fn draw(
+        &mut self,
+        pipeline: &PassPipeline,
+        target: &Target,
+        rect: Rect,
+        buffers: &[Option<&BufferRef>],
+        push: &[u8],
+    ) -> Result<()> {
+        let (right, lower) = (rect.x.checked_add(rect.width), rect.y.checked_add(rect.height));
+        let fits = right.is_some_and(|right| right <= target.width())
+            && lower.is_some_and(|lower| lower <= target.height());
+        assert!(fits && rect.width > 0 && rect.height > 0, "{rect:?} does not lie in the target");
+        self.bind(&pipeline.0, vk::PipelineBindPoint::GRAPHICS, buffers, push)?;
+        let device = &self.context.0.device;
+        let info = vk::RenderPassBeginInfo::default()
+            .render_pass(pipeline.0.pass)
+            .framebuffer(target.0.framebuffer)
+            .render_area(rect.to_vk());
+        let viewport = [vk::Viewport {
+            x: 0.0,
+            y: 0.0,
+            width: target.width() as f32,
+            height: target.height() as f32,
+            min_depth: 0.0,
+            max_depth: 1.0,
+        }];
+        // SAFETY: the rectangle lies in the framebuffer, whose pass is compatible with the pipeline's
+        // (the same format); all is held until the commands are done.
+        unsafe {
+            device.cmd_begin_render_pass(self.buffer, &info, vk::SubpassContents::INLINE);
+            device.cmd_set_viewport(self.buffer, 0, &viewport);
+            device.cmd_set_scissor(self.buffer, 0, &[rect.to_vk()]);
+            device.cmd_draw(self.buffer, 3, 1, 0, 0);
+            device.cmd_end_render_pass(self.buffer);
+        }
+        self.held.push(target.0.clone());
+        Ok(())
+    }
+
+    fn bind(
+        &mut self,
+        pipeline: &Arc<Pipeline>,
+        point: vk::PipelineBindPoint,
+        buffers: &[Option<&BufferRef>],
+        push: &[u8],
+    ) -> Result<()> {
+        let layout = &pipeline.layout;
+        assert_eq!(buffers.len(), layout.buffers as usize, "bindings of the shader");
+        assert_eq!(push.len(), layout.push as usize, "push constants of the shader");
+        let device = &self.context.0.device;
+        let layouts = [layout.set];
+        let info = vk::DescriptorSetAllocateInfo::default()
+            .descriptor_pool(self.descriptors)
+            .set_layouts(&layouts);
+        // SAFETY: the layout belongs to the pipeline, which is held until the commands are done.
+        let set = unsafe { device.allocate_descriptor_sets(&info) }
+            .map_err(|code| self.context.refused("binding buffers", code))?[0];
+        let bound = || buffers.iter().enumerate().filter_map(|(binding, buffer)| Some((binding, (*buffer)?)));
+        let infos: Vec<_> = bound()
+            .map(|(_, buffer)| {
+                [vk::DescriptorBufferInfo::default()
+                    .buffer(buffer.allocation.buffer)
+                    .offset(buffer.offset)
+                    .range(buffer.size)]
+            })
+            .collect();
+        let writes: Vec<_> = bound()
+            .zip(&infos)
+            .map(|((binding, _), info)| {
+                vk::WriteDescriptorSet::default()
+                    .dst_set(set)
+                    .dst_binding(binding as u32)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .buffer_info(info)
+            })
+            .collect();
+        // SAFETY: the set is new; buffers are held until the commands are done; the push constants
+        // are exactly the layout's range.
+        unsafe {
+            device.update_descriptor_sets(&writes, &[]);
+            device.cmd_bind_pipeline(self.buffer, point, pipeline.handle);
+            device.cmd_bind_descriptor_sets(self.buffer, point, layout.pipeline, 0, &[set], &[]);
+            device.cmd_push_constants(self.buffer, layout.pipeline, layout.stages, 0, push);
+        }
+        let buffers: Vec<_> = buffers.iter().copied().flatten().collect();
+        self.hold_buffers(&buffers);
+        self.held.push(pipeline.clone());
+        Ok(())
+    }
+
+    fn hold_buffers(&mut self, buffers: &[&BufferRef]) {
+        for buffer in buffers {
+            self.held.push(buffer.allocation.clone());
+        }
+    }
+
+    fn transition(&self, image: vk::Image, from: vk::ImageLayout, to: vk::ImageLayout) {
+        let all = vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE;
+        let barrier = [vk::ImageMemoryBarrier::default()
+            .src_access_mask(all)
+            .dst_access_mask(all)
+            .old_layout(from)
+            .new_layout(to)
+            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .image(image)
+            .subresource_range(color_range(0))];
+        let stages = vk::PipelineStageFlags::ALL_COMMANDS;
+        let flags = vk::DependencyFlags::empty();
+        // SAFETY: the command buffer is being recorded, outside a render pass; the image is in `from`.
+        unsafe {
+            self.context.0.device.cmd_pipeline_barrier(
+                self.buffer,
+                stages,
+                stages,
+                flags,
+                &[],
+                &[],
+                &barrier,
+            );
+        }
+    }
+
+    /// Makes a target of one's own black, whatever it held before.
+    pub(super) fn clear(&mut self, target: &Target) {
+        let image = target.0.image;
+        let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+        self.transition(image, vk::ImageLayout::UNDEFINED, layout);
+        let black = vk::ClearColorValue { float32: [0.0; 4] };
+        // SAFETY: the image is in that layout and is held until the commands are done.
+        unsafe {
+            self.context.0.device.cmd_clear_color_image(
+                self.buffer,
+                image,
+                layout,
+                &black,
+                &[color_range(0)],
+            );
+        }
+        self.transition(image, layout, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL);
+        self.held.push(target.0.clone());
+    }
+
+    /// Copies a target of one's own to host memory that is large enough for it.
+    pub(super) fn copy_target(&mut self, target: &Target, to: &HostBuffer) {
+        let image = target.0.image;
+        let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
+        self.transition(image, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL, layout);
+        let region = [vk::BufferImageCopy::default()
+            .image_subresource(vk::ImageSubresourceLayers {
+                aspect_mask: vk::ImageAspectFlags::COLOR,
+                mip_level: 0,
+                base_array_layer: 0,
+                layer_count: 1,
+            })
+            .image_extent(vk::Extent3D { width: target.width(), height: target.height(), depth: 1 })];
+        // SAFETY: image and buffer are held until the commands are done; the buffer was made for the
+        // image's size.
+        unsafe {
+            let device = &self.context.0.device;
+            device.cmd_copy_image_to_buffer(self.buffer, image, layout, to.0.buffer, &region);
+        }
+        self.transition(image, layout, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL);
+        self.held.push(target.0.clone());
+        self.held.push(to.0.clone());
+    }
+
+    /// Submits what was recorded.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device is lost.
+    pub fn submit(&mut self) -> Result<()> {
+        self.barrier();
+        let device = &self.context.0.device;
+        let refused = |code| self.context.refused("submitting commands", code);
+        let buffers = [self.buffer];
+        let info = [vk::SubmitInfo::default().command_buffers(&buffers)];
+        // SAFETY: the buffer was begun; the fence is not in use; the queue's lock is held.
+        unsafe {
+            device.end_command_buffer(self.buffer).map_err(refused)?;
+            device.reset_fences(&[self.fence]).map_err(refused)?;
+            let queue = self.context.queue();
+            device.queue_submit(*queue, &info, self.fence).map_err(refused)?;
+        }
+        self.submitted = Some(Instant::now());
+        Ok(())
+    }
+
+    /// Waits for the submission, and says how long its stages took. Where the device has no clock, the
+    /// first stage is given the time since the submission. Empty if nothing was submitted.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device is lost.
+    pub fn wait(&mut self) -> Result<Vec<StageTime>> {
+        let Some(since) = self.submitted else { return Ok(Vec::new()) };
+        let device = &self.context.0.device;
+        // SAFETY: the fence was submitted.
+        unsafe { device.wait_for_fences(&[self.fence], true, u64::MAX) }
+            .map_err(|code| self.context.refused("waiting for the device", code))?;
+        self.submitted = None;
+        self.held.clear();
+        if !self.context.0.timestamps {
+            let ms = since.elapsed().as_secs_f64() * 1e3;
+            return Ok(self.stages.first().map(|&stage| StageTime { stage, ms }).into_iter().collect());
+        }
+        let mut ticks = vec![0u64; self.stages.len() + 1];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        // SAFETY: the queries were written by the submission, which is done.
+        unsafe { device.get_query_pool_results(self.queries, 0, &mut ticks, flags) }
+            .map_err(|code| self.context.refused("reading the device's clock", code))?;
+        let ms = f64::from(self.context.0.limits.timestamp_period) * 1e-6;
+        let times = ticks.windows(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64 * ms);
+        Ok(self.stages.iter().zip(times).map(|(&stage, ms)| StageTime { stage, ms }).collect())
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        let device = &self.context.0.device;
+        // SAFETY: the submission is waited for (a lost device is done too); null handles are ignored.
+        unsafe {
+            if self.submitted.is_some() {
+                let _ = device.wait_for_fences(&[self.fence], true, u64::MAX);
+            }
+            device.destroy_query_pool(self.queries, None);
+            device.destroy_fence(self.fence, None);
+            device.destroy_descriptor_pool(self.descriptors, None);
+            device.destroy_command_pool(self.pool, None);
+        }
+    }
+}

@@ -1,0 +1,388 @@
+//! From sparse samples to every pixel of a view, on the device that presents.
+//!
+//! A new pattern ([`Reconstruction::set_pattern`]) has its neighbours found once on the device: the k
+//! samples nearest to each pixel with their weights, and, for guided reconstruction, those nearest to
+//! each sample. A frame ([`Reconstruction::submit`]) then takes two passes: one over the samples
+//! (what is not finite is taken out; guided: each is averaged with its neighbours on its surface),
+//! and one over the pixels, which writes the target.
+
+mod grid;
+mod settings;
+mod shaders;
+mod tables;
+
+use std::collections::HashMap;
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec2;
+
+pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weights};
+
+use crate::error::{Error, Result};
+use crate::gpu::vulkan::{
+    BufferRef, Commands, ComputePipeline, Context, Encoding, Format, HostBuffer, PassPipeline, Rect,
+    StageTime, Target,
+};
+use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::math::view::View;
+use tables::{Finders, Tables};
+
+/// Samples that one dispatch of a pass without neighbours takes.
+const SAMPLES_AT_ONCE: usize = 1 << 21;
+
+/// Reconstructs pictures on one device with one set of settings.
+pub struct Reconstruction {
+    context: Context,
+    settings: Settings,
+    finders: Finders,
+    prepare: Prepare,
+    passes: HashMap<Format, PassPipeline>,
+    views: Vec<ViewState>,
+}
+
+struct Prepare {
+    take: ComputePipeline,
+    filter: Option<ComputePipeline>,
+}
+
+struct ViewState {
+    tables: Tables,
+    commands: Commands,
+    dropped: HostBuffer,
+}
+
+/// What a frame's samples are made into.
+pub struct Frame<'a> {
+    /// Where the eye is and what it sees; its size is the pattern's.
+    pub view: &'a View,
+    /// One [`SampleRecord`] for each sample of the pattern, in its order.
+    pub samples: BufferRef,
+    /// One [`VisibilityRecord`] for each pixel, row after row; needed for guided reconstruction.
+    pub visibility: Option<BufferRef>,
+    /// Where the pixels go.
+    pub outputs: &'a [Output<'a>],
+}
+
+/// A rectangle of a target that shows a rectangle of the view.
+pub struct Output<'a> {
+    /// The target.
+    pub target: &'a Target,
+    /// The part of the target that is written; the rest is kept.
+    pub rect: Rect,
+    /// The view's pixel (x, y) that comes to the rectangle's upper left corner.
+    pub source: [u32; 2],
+    /// What the target's numbers mean.
+    pub encoding: Encoding,
+    /// Exposure in EV: radiance is multiplied by two to its power before tone mapping.
+    pub exposure: f32,
+}
+
+impl<'a> Output<'a> {
+    /// The view's upper left part over the whole target, with its format's usual encoding.
+    pub fn whole(target: &'a Target, exposure: f32) -> Self {
+        let rect = Rect { x: 0, y: 0, width: target.width(), height: target.height() };
+        Output { target, rect, source: [0, 0], encoding: Encoding::of(target.format()), exposure }
+    }
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Rays {
+    corner: [f32; 4],
+    across: [f32; 4],
+    down: [f32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct FilterParameters {
+    rays: Rays,
+    count: u32,
+    neighbours: u32,
+    normal_power: f32,
+    plane_tolerance: f32,
+    first_deviation: f32,
+    second_deviation: f32,
+    pixel_width: f32,
+    padding: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct PixelParameters {
+    rays: Rays,
+    shift_x: i32,
+    shift_y: i32,
+    width: u32,
+    first_row: u32,
+    rows: u32,
+    neighbours: u32,
+    first_sample: u32,
+    exposure: f32,
+    encoding: u32,
+    normal_power: f32,
+    plane_tolerance: f32,
+    pixel_width: f32,
+}
+
+impl Reconstruction {
+    /// Builds the shaders.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for settings out of range, [`Error::Kernel`] if a shader cannot be built.
+    pub fn new(context: &Context, settings: Settings) -> Result<Self> {
+        settings.validate()?;
+        let pipeline = |entry| ComputePipeline::new(context, &shaders::FILTER, entry);
+        let prepare = match settings.mode {
+            Mode::KNearest => Prepare { take: pipeline("take_radiance")?, filter: None },
+            Mode::Guided(guided) if guided.neighbours == 1 => {
+                Prepare { take: pipeline("take_records")?, filter: None }
+            }
+            Mode::Guided(_) => {
+                Prepare { take: pipeline("take_records")?, filter: Some(pipeline("filter_samples")?) }
+            }
+        };
+        Ok(Reconstruction {
+            context: context.clone(),
+            finders: Finders::new(context, &settings)?,
+            settings,
+            prepare,
+            passes: HashMap::new(),
+            views: Vec::new(),
+        })
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Gives a view a new pattern: `samples` are pixel positions packed `x | y << 16`, in any order, of
+    /// a view of `width` x `height` pixels. Neighbours are found on the device while this returns;
+    /// frames submitted later use them. Views are numbered from 0 without gaps.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] without samples, with a sample outside the view, with more samples or pixels
+    /// than the device reaches; [`Error::Device`] without memory.
+    pub fn set_pattern(&mut self, view: usize, width: u32, height: u32, samples: &[u32]) -> Result<()> {
+        assert!(view <= self.views.len(), "view {view} comes before view {}", self.views.len());
+        if view == self.views.len() {
+            self.views.push(ViewState {
+                tables: Tables::new(&self.context)?,
+                commands: Commands::new(&self.context)?,
+                dropped: HostBuffer::new(&self.context, 4)?,
+            });
+        }
+        let state = &mut self.views[view];
+        state.commands.wait()?;
+        state.tables.set(&self.context, &self.settings, &self.finders, (width, height), samples)
+    }
+
+    /// Waits for the neighbours of a view's pattern, and says how long finding them took; empty if
+    /// that was asked before.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device is lost.
+    pub fn wait_pattern(&mut self, view: usize) -> Result<Vec<StageTime>> {
+        self.views.get_mut(view).map_or(Ok(Vec::new()), |state| state.tables.wait())
+    }
+
+    /// Starts a frame of a view: see [`Frame`]. Waits for the view's frame before.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device is lost or out of memory, [`Error::Kernel`] if a shader cannot
+    /// be built for a target's format.
+    ///
+    /// # Panics
+    /// If the view has no pattern, sizes disagree, or a rectangle reaches beyond target or view.
+    pub fn submit(&mut self, view: usize, frame: &Frame<'_>) -> Result<()> {
+        for output in frame.outputs {
+            self.require_pass(output.target.format())?;
+        }
+        let state = &mut self.views[view];
+        let tables = &mut state.tables;
+        assert_eq!((frame.view.width, frame.view.height), (tables.width, tables.height), "size of the view");
+        let bytes = tables.count * size_of::<SampleRecord>();
+        assert!(frame.samples.size() >= bytes, "one record for each of {} samples", tables.count);
+        let commands = &mut state.commands;
+        commands.begin()?;
+        let samples = tables.staged(&self.context, commands, &frame.samples, bytes)?;
+        let dropped = BufferRef::from(&state.dropped);
+        commands.fill_zero(&dropped);
+        commands.barrier();
+        let rays = rays(frame.view);
+        let pixel_width = f64::from(rays.across[0]).hypot(f64::from(rays.across[1]));
+        let pixel_width = pixel_width.hypot(f64::from(rays.across[2])) as f32;
+        self.prepare.record(commands, tables, &self.settings, &samples, &dropped, (rays, pixel_width))?;
+        commands.end_stage("filter");
+        for output in frame.outputs {
+            let pass = &self.passes[&output.target.format()];
+            draw(commands, pass, tables, &self.settings, frame, output, (rays, pixel_width))?;
+        }
+        commands.end_stage("reconstruct");
+        commands.submit()
+    }
+
+    fn require_pass(&mut self, format: Format) -> Result<()> {
+        if !self.passes.contains_key(&format) {
+            let fragment = match self.settings.mode {
+                Mode::KNearest => "k_nearest",
+                Mode::Guided(_) => "guided",
+            };
+            let pass = PassPipeline::new(&self.context, &shaders::RECONSTRUCT, "cover", fragment, format)?;
+            self.passes.insert(format, pass);
+        }
+        Ok(())
+    }
+
+    /// Waits for a view's frame, and says how long its stages took on the device; empty if there is
+    /// none to wait for.
+    ///
+    /// # Errors
+    /// [`Error::Device`] if the device is lost.
+    pub fn wait(&mut self, view: usize) -> Result<Vec<StageTime>> {
+        self.views.get_mut(view).map_or(Ok(Vec::new()), |state| state.commands.wait())
+    }
+
+    /// How many samples of a view's last frame that was waited for were not finite and were left out.
+    pub fn dropped(&self, view: usize) -> u32 {
+        self.views.get(view).map_or(0, |state| state.dropped.read::<u32>(0, 1)[0])
+    }
+}
+
+/// Where the view's pixels look, in world orientation, at depth 1 metre.
+fn rays(view: &View) -> Rays {
+    let toward = |x: f64, y: f64| view.world_from_eye.rotation * view.eye_direction(DVec2::new(x, y));
+    let corner = toward(0.5, 0.5);
+    let vector = |v: glam::DVec3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
+    Rays {
+        corner: vector(corner),
+        across: vector(toward(1.5, 0.5) - corner),
+        down: vector(toward(0.5, 1.5) - corner),
+    }
+}
+
+impl Prepare {
+    /// Records the pass over the samples.
+    fn record(
+        &self,
+        commands: &mut Commands,
+        tables: &Tables,
+        settings: &Settings,
+        samples: &BufferRef,
+        dropped: &BufferRef,
+        (rays, pixel_width): (Rays, f32),
+    ) -> Result<()> {
+        let guided = settings.guided();
+        let mut parameters = FilterParameters {
+            rays,
+            count: tables.count as u32,
+            neighbours: tables.neighbours,
+            normal_power: guided.normal_power,
+            plane_tolerance: guided.plane_tolerance,
+            first_deviation: guided.first_deviation,
+            second_deviation: guided.second_deviation,
+            pixel_width,
+            padding: 0,
+        };
+        if let (Some(filter), Some(nearest)) = (&self.filter, tables.nearest()) {
+            let buffers =
+                [Some(samples), Some(tables.prepared()), Some(dropped), Some(tables.positions()), Some(nearest)];
+            let groups = [parameters.count.div_ceil(64), 1, 1];
+            return commands.dispatch(filter, &buffers, bytemuck::bytes_of(&parameters), groups);
+        }
+        let stride = settings.prepared_bytes();
+        for first in (0..tables.count).step_by(SAMPLES_AT_ONCE) {
+            let count = SAMPLES_AT_ONCE.min(tables.count - first);
+            parameters.count = count as u32;
+            let size = size_of::<SampleRecord>();
+            let from = samples.part(first * size, count * size);
+            let to = tables.prepared().part(first * stride, count * stride);
+            let buffers = [Some(&from), Some(&to), Some(dropped), None, None];
+            let groups = [parameters.count.div_ceil(64), 1, 1];
+            commands.dispatch(&self.take, &buffers, bytemuck::bytes_of(&parameters), groups)?;
+        }
+        Ok(())
+    }
+}
+
+/// Records the pass over the pixels of one output, band by band.
+fn draw(
+    commands: &mut Commands,
+    pass: &PassPipeline,
+    tables: &Tables,
+    settings: &Settings,
+    frame: &Frame<'_>,
+    output: &Output<'_>,
+    (rays, pixel_width): (Rays, f32),
+) -> Result<()> {
+    let Rect { x, y, width, height } = output.rect;
+    let [source_x, source_y] = output.source;
+    let inside = u64::from(source_x) + u64::from(width) <= u64::from(tables.width)
+        && u64::from(source_y) + u64::from(height) <= u64::from(tables.height);
+    assert!(inside, "{:?} from {:?} on reaches beyond the view", output.rect, output.source);
+    let guided = settings.guided();
+    for band in tables.bands() {
+        let first = band.first_row.max(source_y);
+        let end = (band.first_row + band.rows).min(source_y + height);
+        if first >= end {
+            continue;
+        }
+        let parameters = PixelParameters {
+            rays,
+            shift_x: source_x as i32 - x as i32,
+            shift_y: source_y as i32 - y as i32,
+            width: tables.width,
+            first_row: band.first_row,
+            rows: band.rows,
+            neighbours: tables.k,
+            first_sample: band.first_sample,
+            exposure: output.exposure.exp2(),
+            encoding: match output.encoding {
+                Encoding::Radiance => 0,
+                Encoding::DisplayLinear => 1,
+                Encoding::DisplaySrgb => 2,
+            },
+            normal_power: guided.normal_power,
+            plane_tolerance: guided.plane_tolerance,
+            pixel_width,
+        };
+        let first_sample = band.first_sample as usize;
+        let prepared = tables
+            .prepared()
+            .part(first_sample * settings.prepared_bytes(), band.samples * settings.prepared_bytes());
+        let positions = tables.positions().part(first_sample * 4, band.samples * 4);
+        let visibility = visible_rows(frame, settings, tables, band)?;
+        let buffers = [
+            Some(&prepared),
+            Some(&band.indices),
+            Some(&band.weights),
+            Some(&positions),
+            visibility.as_ref(),
+        ];
+        let rect = Rect { x, y: y + first - source_y, width, height: end - first };
+        commands.draw(pass, output.target, rect, &buffers, bytemuck::bytes_of(&parameters))?;
+    }
+    Ok(())
+}
+
+/// The band's part of the frame's visibility; none where it is not used.
+fn visible_rows(
+    frame: &Frame<'_>,
+    settings: &Settings,
+    tables: &Tables,
+    band: &tables::Band,
+) -> Result<Option<BufferRef>> {
+    if settings.mode == Mode::KNearest {
+        return Ok(None);
+    }
+    let row = tables.width as usize * size_of::<VisibilityRecord>();
+    let (first, size) = (band.first_row as usize * row, band.rows as usize * row);
+    match &frame.visibility {
+        Some(visibility) if visibility.size() >= first + size => Ok(Some(visibility.part(first, size))),
+        _ => Err(Error::setting(
+            "reconstruct",
+            "guided reconstruction needs a visibility record for each pixel; trace them, or use k-nn",
+        )),
+    }
+}

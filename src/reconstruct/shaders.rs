@@ -1,0 +1,36 @@
+//! The SPIR-V that the build made of `kernels/*.wgsl`.
+
+use super::{FilterParameters, PixelParameters};
+use crate::gpu::vulkan::Shader;
+use crate::reconstruct::tables::NeighbourParameters;
+
+macro_rules! spirv {
+    ($stem:literal) => {
+        include_bytes!(concat!(env!("OUT_DIR"), "/", $stem, ".spv"))
+    };
+}
+
+pub const FILTER: Shader = Shader {
+    name: "filter.wgsl",
+    words: spirv!("filter"),
+    buffers: 5,
+    push: size_of::<FilterParameters>() as u32,
+};
+
+pub const RECONSTRUCT: Shader = Shader {
+    name: "reconstruct.wgsl",
+    words: spirv!("reconstruct"),
+    buffers: 5,
+    push: size_of::<PixelParameters>() as u32,
+};
+
+/// The variant of `neighbours.wgsl` with the shortest lists that hold `wanted` samples.
+pub fn neighbours(wanted: u32) -> Shader {
+    let words: &'static [u8] = match wanted {
+        0..=5 => spirv!("neighbours_5"),
+        6..=9 => spirv!("neighbours_9"),
+        10..=17 => spirv!("neighbours_17"),
+        _ => spirv!("neighbours_25"),
+    };
+    Shader { name: "neighbours.wgsl", words, buffers: 5, push: size_of::<NeighbourParameters>() as u32 }
+}

@@ -1,0 +1,371 @@
+//! The neighbours of pixels and samples: found on the device when the pattern changes.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::grid::{Grid, one_to_one};
+use super::settings::{Settings, Weights};
+use super::{Mode, shaders};
+use crate::error::{Error, Result};
+use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer, StageTime};
+use crate::layout::{SampleRecord, VisibilityRecord};
+
+/// Pixels across a block that shares a search radius, as in neighbours.wgsl.
+const BLOCK: u32 = 4;
+/// Work-groups in one direction that every device takes.
+const MAX_GROUPS: usize = 65535;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub(super) struct NeighbourParameters {
+    width: u32,
+    height: u32,
+    count: u32,
+    cell_shift: u32,
+    cells_across: u32,
+    wanted: u32,
+    first_radius: u32,
+    weights: u32,
+    first_row: u32,
+    rows: u32,
+    written: u32,
+}
+
+/// The shaders that find neighbours.
+pub(super) struct Finders {
+    radii: ComputePipeline,
+    pixels: ComputePipeline,
+    samples: Option<ComputePipeline>,
+}
+
+impl Finders {
+    pub fn new(context: &Context, settings: &Settings) -> Result<Self> {
+        let of_pixels = shaders::neighbours(settings.k + 1);
+        let samples = match settings.mode {
+            Mode::Guided(guided) if guided.neighbours > 1 => {
+                let shader = shaders::neighbours(guided.neighbours);
+                Some(ComputePipeline::new(context, &shader, "nearest_to_samples")?)
+            }
+            _ => None,
+        };
+        Ok(Finders {
+            radii: ComputePipeline::new(context, &of_pixels, "find_radii")?,
+            pixels: ComputePipeline::new(context, &of_pixels, "nearest_to_pixels")?,
+            samples,
+        })
+    }
+}
+
+/// Rows of the view whose tables are in buffers of their own, each within one binding's reach.
+pub(super) struct Band {
+    pub first_row: u32,
+    pub rows: u32,
+    /// `[neighbour][pixel]`: indices of samples, nearest first.
+    pub indices: BufferRef,
+    /// `[neighbour][pixel]`: weights.
+    pub weights: BufferRef,
+    /// The samples that the indices name lie in this range.
+    pub first_sample: u32,
+    pub samples: usize,
+}
+
+/// What a view's frames need of its pattern.
+pub(super) struct Tables {
+    pub width: u32,
+    pub height: u32,
+    pub count: usize,
+    /// Neighbours of each pixel.
+    pub k: u32,
+    /// Neighbours of each sample, itself included.
+    pub neighbours: u32,
+    bands: Vec<Band>,
+    nearest: Option<BufferRef>,
+    positions: BufferRef,
+    prepared: BufferRef,
+    staging: Option<BufferRef>,
+    commands: Commands,
+}
+
+/// A buffer of the device's own.
+fn device(context: &Context, size: usize) -> Result<BufferRef> {
+    Ok(BufferRef::from(&DeviceBuffer::new(context, size)?))
+}
+
+/// Records copying values to memory that the device reads fast, if the host's is not such.
+fn upload<T: Pod>(context: &Context, commands: &mut Commands, values: &[T]) -> Result<BufferRef> {
+    let host = HostBuffer::new(context, size_of_val(values))?;
+    host.write(0, values);
+    let host = BufferRef::from(&host);
+    if host.is_device_local() {
+        return Ok(host);
+    }
+    let own = device(context, host.size())?;
+    commands.copy(&host, &own, host.size());
+    Ok(own)
+}
+
+impl Tables {
+    pub fn new(context: &Context) -> Result<Self> {
+        let empty = device(context, 16)?;
+        Ok(Tables {
+            width: 0,
+            height: 0,
+            count: 0,
+            k: 0,
+            neighbours: 1,
+            bands: Vec::new(),
+            nearest: None,
+            positions: empty.clone(),
+            prepared: empty,
+            staging: None,
+            commands: Commands::new(context)?,
+        })
+    }
+
+    pub fn bands(&self) -> &[Band] {
+        &self.bands
+    }
+
+    pub fn nearest(&self) -> Option<&BufferRef> {
+        self.nearest.as_ref()
+    }
+
+    pub fn positions(&self) -> &BufferRef {
+        &self.positions
+    }
+
+    pub fn prepared(&self) -> &BufferRef {
+        &self.prepared
+    }
+
+    pub fn wait(&mut self) -> Result<Vec<StageTime>> {
+        self.commands.wait()
+    }
+
+    /// The samples where the device reads them fast: copied, if they are not there already.
+    pub fn staged(
+        &mut self,
+        context: &Context,
+        commands: &mut Commands,
+        samples: &BufferRef,
+        bytes: usize,
+    ) -> Result<BufferRef> {
+        if samples.is_device_local() {
+            return Ok(samples.clone());
+        }
+        let staging = match self.staging.take() {
+            Some(staging) if staging.size() >= bytes => staging,
+            _ => device(context, bytes)?,
+        };
+        commands.copy(samples, &staging, bytes);
+        self.staging = Some(staging.clone());
+        Ok(staging)
+    }
+
+    /// Starts finding the neighbours of a new pattern.
+    pub fn set(
+        &mut self,
+        context: &Context,
+        settings: &Settings,
+        finders: &Finders,
+        size: (u32, u32),
+        samples: &[u32],
+    ) -> Result<()> {
+        let started = self.start(context, settings, finders, size, samples);
+        if started.is_err() {
+            // A pattern that failed half way must not be drawn.
+            (self.width, self.height, self.count) = (0, 0, 0);
+            self.bands.clear();
+        }
+        started
+    }
+
+    fn start(
+        &mut self,
+        context: &Context,
+        settings: &Settings,
+        finders: &Finders,
+        (width, height): (u32, u32),
+        samples: &[u32],
+    ) -> Result<()> {
+        check_size(context, (width, height))?;
+        let map = one_to_one(width, height, samples);
+        check_count(context, settings, (width, height), samples.len(), map.is_some())?;
+        let grid = if map.is_none() { Some(Grid::new(width, height, samples)?) } else { None };
+        let k = if map.is_some() { 1 } else { settings.k.min(samples.len() as u32) };
+        self.commands.begin()?;
+        let same = (self.width, self.height, self.k) == (width, height, k);
+        (self.width, self.height, self.k, self.count) = (width, height, k, samples.len());
+        self.positions = upload(context, &mut self.commands, samples)?;
+        if self.prepared.size() < samples.len() * settings.prepared_bytes() {
+            self.prepared = device(context, samples.len() * settings.prepared_bytes())?;
+        }
+        if let Some(map) = map {
+            self.nearest = None;
+            self.neighbours = 1;
+            self.bands = self.own_samples(context, settings, &map)?;
+        } else if let Some(grid) = grid {
+            if !same {
+                self.bands = empty_bands(context, (width, height), k)?;
+            }
+            for band in &mut self.bands {
+                (band.first_sample, band.samples) = (0, samples.len());
+            }
+            self.find(context, settings, finders, &grid)?;
+        }
+        self.commands.submit()
+    }
+
+    /// Tables that give each pixel its own sample.
+    fn own_samples(&mut self, context: &Context, settings: &Settings, map: &[u32]) -> Result<Vec<Band>> {
+        let mut bands = Vec::new();
+        for (first_row, rows) in band_rows(context, (self.width, self.height), 1) {
+            let row = self.width as usize;
+            let part = &map[first_row as usize * row..(first_row + rows) as usize * row];
+            let low = part.iter().min().copied().unwrap_or(0) / 64 * 64;
+            let samples = (part.iter().max().copied().unwrap_or(0) - low) as usize + 1;
+            if (samples * settings.prepared_bytes()) as u64 > context.storage_range() {
+                let problem = "samples of a full pattern must be ordered from top to bottom at this size";
+                return Err(Error::setting("pattern", problem));
+            }
+            bands.push(Band {
+                first_row,
+                rows,
+                indices: upload(context, &mut self.commands, part)?,
+                weights: upload(context, &mut self.commands, &vec![1.0f32; part.len()])?,
+                first_sample: low,
+                samples,
+            });
+        }
+        Ok(bands)
+    }
+
+    /// Records the searches.
+    fn find(&mut self, context: &Context, settings: &Settings, finders: &Finders, grid: &Grid) -> Result<()> {
+        let sorted = upload(context, &mut self.commands, &grid.sorted)?;
+        let cell_start = upload(context, &mut self.commands, &grid.cell_start)?;
+        let blocks = [self.width.div_ceil(BLOCK), self.height.div_ceil(BLOCK)];
+        let radii = device(context, blocks[0] as usize * blocks[1] as usize * 4)?;
+        self.commands.end_stage("upload");
+
+        let wanted = self.k + 1;
+        let mut parameters = NeighbourParameters {
+            width: self.width,
+            height: self.height,
+            count: self.count as u32,
+            cell_shift: grid.cell_shift,
+            cells_across: grid.cells_across,
+            wanted,
+            first_radius: self.usual_radius(wanted),
+            weights: match settings.weights {
+                Weights::Shepard => 0,
+                Weights::Gaussian => 1,
+                Weights::Inverse => 2,
+            },
+            first_row: 0,
+            rows: self.height,
+            written: self.k,
+        };
+        let buffers = [Some(&sorted), Some(&cell_start), Some(&radii), None, None];
+        let groups = [blocks[0].div_ceil(64), blocks[1], 1];
+        self.commands.dispatch(&finders.radii, &buffers, bytemuck::bytes_of(&parameters), groups)?;
+        self.commands.end_stage("radii");
+        for band in &self.bands {
+            (parameters.first_row, parameters.rows) = (band.first_row, band.rows);
+            let (indices, weights) = (Some(&band.indices), Some(&band.weights));
+            let buffers = [Some(&sorted), Some(&cell_start), Some(&radii), indices, weights];
+            let groups = [self.width.div_ceil(8), band.rows.div_ceil(8), 1];
+            self.commands.dispatch(&finders.pixels, &buffers, bytemuck::bytes_of(&parameters), groups)?;
+        }
+        self.commands.end_stage("pixels");
+        if let Some(pipeline) = &finders.samples {
+            self.neighbours = settings.guided().neighbours.min(self.count as u32);
+            let bytes = self.count * self.neighbours as usize * 4;
+            let nearest = match self.nearest.take() {
+                Some(nearest) if nearest.size() >= bytes => nearest,
+                _ => device(context, bytes)?,
+            };
+            parameters.wanted = self.neighbours;
+            parameters.written = self.neighbours;
+            parameters.first_radius = self.usual_radius(self.neighbours);
+            let buffers = [Some(&sorted), Some(&cell_start), None, Some(&nearest), None];
+            let groups = [parameters.count.div_ceil(64), 1, 1];
+            self.commands.dispatch(pipeline, &buffers, bytemuck::bytes_of(&parameters), groups)?;
+            self.commands.end_stage("samples");
+            self.nearest = Some(nearest);
+        }
+        Ok(())
+    }
+
+    /// Somewhat below the radius that holds so many samples at mean density: where it does not hold
+    /// them, a search looks again.
+    fn usual_radius(&self, wanted: u32) -> u32 {
+        let area = f64::from(self.width) * f64::from(self.height) / self.count as f64;
+        let radius = (area * f64::from(wanted) / std::f64::consts::PI).sqrt();
+        (radius * 0.8).clamp(1.0, f64::from(self.width.max(self.height))) as u32
+    }
+}
+
+/// Rows of each band: as many as one binding reaches, for tables of `k` and for visibility.
+fn band_rows(context: &Context, (width, height): (u32, u32), k: u32) -> Vec<(u32, u32)> {
+    let row = u64::from(width) * u64::from(4 * k).max(size_of::<VisibilityRecord>() as u64);
+    // Sixteen rows of visibility begin at a multiple of 256 bytes, the most that a device asks for.
+    let rows = (context.storage_range() / row / 16 * 16).clamp(16, u64::from(height.next_multiple_of(16)));
+    (0..height).step_by(rows as usize).map(|first| (first, (rows as u32).min(height - first))).collect()
+}
+
+fn empty_bands(context: &Context, size: (u32, u32), k: u32) -> Result<Vec<Band>> {
+    band_rows(context, size, k)
+        .into_iter()
+        .map(|(first_row, rows)| {
+            let bytes = size.0 as usize * rows as usize * k as usize * 4;
+            Ok(Band {
+                first_row,
+                rows,
+                indices: device(context, bytes)?,
+                weights: device(context, bytes)?,
+                first_sample: 0,
+                samples: 0,
+            })
+        })
+        .collect()
+}
+
+/// Refuses views that the device cannot draw.
+fn check_size(context: &Context, (width, height): (u32, u32)) -> Result<()> {
+    let limit = context.image_size_limit().min(1 << 15);
+    if width == 0 || height == 0 || width > limit || height > limit {
+        let problem = format!("{width}x{height} pixels cannot be drawn; from 1 to {limit} can");
+        return Err(Error::setting("size", problem));
+    }
+    Ok(())
+}
+
+/// Refuses more samples than one binding reaches, and more neighbours than the device has memory for.
+fn check_count(
+    context: &Context,
+    settings: &Settings,
+    (width, height): (u32, u32),
+    count: usize,
+    full: bool,
+) -> Result<()> {
+    if count == 0 {
+        return Err(Error::setting("samples", "there must be at least one"));
+    }
+    let reach = context.storage_range() as usize;
+    let record = size_of::<SampleRecord>().max(settings.guided().neighbours as usize * 4);
+    let most = if full { reach / 4 } else { (reach / record).min(MAX_GROUPS * 64) };
+    if count > most {
+        let problem = format!("{count} are more than the {most} that this device reaches; ask for fewer");
+        return Err(Error::setting("samples", problem));
+    }
+    let k = if full { 1 } else { settings.k as usize };
+    let bytes = (width as usize * height as usize * k * 8) as u64;
+    if bytes > context.memory_size() / 2 {
+        let problem = format!(
+            "tables of {} MiB for {width}x{height} pixels do not fit the device; make k or the picture smaller",
+            bytes >> 20
+        );
+        return Err(Error::setting("k", problem));
+    }
+    Ok(())
+}
