@@ -1,18 +1,23 @@
 //! foveate: a ray tracer for headsets, sharp where the eye looks and sparse elsewhere.
 //!
-//! The rooms, in the order in which a frame passes through them:
+//! The rooms, from what they all stand on to what a frame passes through:
 
 #![deny(unsafe_code)]
 
-pub mod bvh;
 pub mod config;
 pub mod error;
-pub mod foveation;
-pub mod gpu;
 pub mod layout;
 pub mod math;
-pub mod reconstruct;
+
+pub mod bvh;
+pub mod foveation;
 pub mod scene;
+
+pub mod reference;
+
+pub mod gpu;
+
+pub mod reconstruct;
 pub mod trace;
 
 pub use error::{Error, Result};

@@ -1,0 +1,36 @@
+//! An independent tracer and reconstruction in `f64` on the host: the oracle for kernels and pictures.
+//!
+//! It shares scene types and views with the kernels and nothing else; its sampling is deliberately
+//! different from theirs. Positions are relative to [`Scene::anchor`](crate::scene::Scene::anchor).
+//! What both sides compute is this definition:
+//!
+//! - Camera and bounce rays pass through back faces of materials that are not double-sided; occlusion
+//!   rays are stopped by both sides. A MASK surface exists where its alpha is at least the cutoff; a
+//!   BLEND surface is met with probability alpha, so that it lets `1 - alpha` of the light through.
+//! - Back hits of double-sided surfaces reverse the whole normal, normal map included. Light arrives only
+//!   from directions above both the geometric surface (on the viewer's side) and the shading normal.
+//! - The BRDF is glTF 2.0's metallic-roughness model, see [`brdf`]. An unlit surface shows its base colour
+//!   and nothing else. Emission is added at every surface that a camera or bounce ray meets.
+//! - Light is the environment map (dimmed by the occlusion texture), the sun's disc and the punctual
+//!   lights (neither dimmed), with hard visibility; then up to four further bounces, each of which gathers
+//!   the light that other surfaces send, the direct light of those surfaces included.
+//! - Camera rays that meet nothing see the map, and the sun where they are inside its disc.
+
+pub mod brdf;
+mod bvh;
+pub mod intersect;
+pub mod light;
+pub mod radiance;
+pub mod random;
+pub mod reconstruct;
+pub mod surface;
+#[cfg(test)]
+mod testing;
+pub mod texture;
+mod validity;
+
+pub use intersect::{Hit, Layer, Ray, Tracer};
+pub use radiance::{Estimate, Renderer, camera_ray};
+pub use random::Random;
+pub use surface::Surface;
+pub use texture::TextureMode;
