@@ -8,6 +8,7 @@ pub mod error;
 pub mod foveation;
 pub mod layout;
 pub mod math;
+pub mod measure;
 pub mod reference;
 pub mod scene;
 
