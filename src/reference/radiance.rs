@@ -137,8 +137,10 @@ impl<'a> Renderer<'a> {
         let mut light = surface.emission + self.punctual(surface);
         if self.map.is_lit() {
             let direction = self.draw(surface, Some(&self.map), random);
-            let density = density(surface, Some(&self.map), direction);
-            light += self.map_arriving(surface, direction) * surface.normal.dot(direction) / density;
+            if surface.faces(direction) {
+                let share = surface.normal.dot(direction) / density(surface, Some(&self.map), direction);
+                light += self.map_arriving(surface, direction) * share;
+            }
         }
         if let Some(sun) = &self.environment.sun {
             light += self.sun_arriving(surface, sun, light::towards_sun(sun, random.pair()));

@@ -1,0 +1,12 @@
+//! Pictures on the host, how far two of them are apart, and what a handful of numbers says.
+
+pub mod display;
+mod filter;
+pub mod flip;
+pub mod metric;
+pub mod picture;
+pub mod stats;
+
+pub use display::Display;
+pub use metric::{Comparison, compare};
+pub use picture::Picture;
