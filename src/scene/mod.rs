@@ -8,6 +8,7 @@ pub mod environment;
 pub mod features;
 pub mod generate;
 pub mod gltf;
+pub mod info;
 pub mod material;
 pub mod sky;
 pub mod texture;
@@ -19,6 +20,9 @@ pub use features::Features;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use texture::Texture;
 
+use std::path::Path;
+
+use crate::Result;
 use crate::math::pose::Pose;
 
 /// A scene, ready to be traced. All triangles of all instances, in world orientation.
@@ -40,6 +44,13 @@ pub struct Scene {
     pub instances: usize,
     /// Sentences about what was left out or repaired, each said once.
     pub warnings: Vec<String>,
+}
+
+impl Scene {
+    /// Reads a glTF 2.0 file; see [`gltf::load`].
+    pub fn load(path: &Path) -> Result<Self> {
+        gltf::load(path)
+    }
 }
 
 /// Triangles as separate arrays. Per-vertex arrays other than `positions` and `normals` are either
