@@ -9,9 +9,11 @@ pub mod features;
 pub mod generate;
 pub mod gltf;
 pub mod importance;
+pub mod info;
 pub mod material;
 pub mod sky;
 pub mod texture;
+pub mod viewpoint;
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
@@ -20,6 +22,9 @@ pub use features::Features;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use texture::Texture;
 
+use std::path::Path;
+
+use crate::Result;
 use crate::math::pose::Pose;
 
 /// A scene, ready to be traced. All triangles of all instances, in world orientation.
@@ -41,6 +46,18 @@ pub struct Scene {
     pub instances: usize,
     /// Sentences about what was left out or repaired, each said once.
     pub warnings: Vec<String>,
+}
+
+impl Scene {
+    /// Reads a glTF 2.0 file; see [`gltf::load`].
+    pub fn load(path: &Path) -> Result<Self> {
+        gltf::load(path)
+    }
+
+    /// Reads a binary glTF 2.0 file from memory; see [`gltf::load_glb`].
+    pub fn from_glb(name: &Path, bytes: &[u8]) -> Result<Self> {
+        gltf::load_glb(name, bytes)
+    }
 }
 
 /// Triangles as separate arrays. Per-vertex arrays other than `positions` and `normals` are either

@@ -1,0 +1,97 @@
+//! Every reference of the document is in range, checked once, so that all others may simply index.
+
+use super::Outcome;
+use super::json::{Document, Int, Material, TextureInfo};
+
+/// Refuses a document with an index that points nowhere, naming the index.
+pub fn references(document: &Document) -> Outcome<()> {
+    let d = document;
+    for (i, accessor) in d.accessors.iter().enumerate() {
+        let sparse = accessor.sparse.iter().flat_map(|s| [s.indices.buffer_view, s.values.buffer_view]);
+        for view in accessor.buffer_view.into_iter().chain(sparse) {
+            inside([view], d.buffer_views.len(), || format!("accessor {i}"), "bufferView")?;
+        }
+    }
+    for (i, view) in d.buffer_views.iter().enumerate() {
+        inside([view.buffer], d.buffers.len(), || format!("bufferView {i}"), "buffer")?;
+    }
+    for (i, image) in d.images.iter().enumerate() {
+        inside(image.buffer_view, d.buffer_views.len(), || format!("image {i}"), "bufferView")?;
+    }
+    for (i, texture) in d.textures.iter().enumerate() {
+        inside(texture.source, d.images.len(), || format!("texture {i}"), "image")?;
+        inside(texture.sampler, d.samplers.len(), || format!("texture {i}"), "sampler")?;
+    }
+    for (i, material) in d.materials.iter().enumerate() {
+        for info in textures_of(material) {
+            inside([info.index], d.textures.len(), || format!("material {i}"), "texture")?;
+        }
+    }
+    meshes(d)?;
+    nodes(d)?;
+    for (i, scene) in d.scenes.iter().enumerate() {
+        inside(scene.nodes.iter().copied(), d.nodes.len(), || format!("scene {i}"), "node")?;
+    }
+    for (i, skin) in d.skins.iter().enumerate() {
+        inside(skin.joints.iter().copied(), d.nodes.len(), || format!("skin {i}"), "node")?;
+        inside(skin.inverse_bind_matrices, d.accessors.len(), || format!("skin {i}"), "accessor")?;
+    }
+    inside(d.scene, d.scenes.len(), || "the document".into(), "scene")
+}
+
+fn meshes(d: &Document) -> Outcome<()> {
+    for (i, mesh) in d.meshes.iter().enumerate() {
+        for (j, primitive) in mesh.primitives.iter().enumerate() {
+            let name = || format!("primitive {j} of mesh {i}");
+            let morphs = primitive.targets.iter().flat_map(|target| target.values());
+            let accessors = primitive.attributes.values().chain(morphs).copied().chain(primitive.indices);
+            inside(accessors, d.accessors.len(), name, "accessor")?;
+            inside(primitive.material, d.materials.len(), name, "material")?;
+        }
+    }
+    Ok(())
+}
+
+fn nodes(d: &Document) -> Outcome<()> {
+    let lights = d.extensions.lights.as_ref().map_or(0, |lights| lights.lights.len());
+    for (i, node) in d.nodes.iter().enumerate() {
+        let name = || format!("node {i}");
+        inside(node.children.iter().copied(), d.nodes.len(), name, "node")?;
+        inside(node.mesh, d.meshes.len(), name, "mesh")?;
+        inside(node.camera, d.cameras.len(), name, "camera")?;
+        inside(node.skin, d.skins.len(), name, "skin")?;
+        inside(node.extensions.light.as_ref().map(|light| light.light), lights, name, "light")?;
+    }
+    Ok(())
+}
+
+fn textures_of(material: &Material) -> impl Iterator<Item = &TextureInfo> {
+    let pbr = &material.pbr_metallic_roughness;
+    [
+        &pbr.base_color_texture,
+        &pbr.metallic_roughness_texture,
+        &material.normal_texture,
+        &material.occlusion_texture,
+        &material.emissive_texture,
+    ]
+    .into_iter()
+    .flatten()
+}
+
+fn inside(
+    indices: impl IntoIterator<Item = Int>,
+    count: usize,
+    user: impl Fn() -> String,
+    kind: &str,
+) -> Outcome<()> {
+    match indices.into_iter().find(|index| index.0 >= count) {
+        Some(Int(bad)) => {
+            let there = if count == 0 { "none".into() } else { format!("only {count}") };
+            Err(format!(
+                "{} refers to {kind} {bad}, but the file has {there}; export the scene again",
+                user()
+            ))
+        }
+        None => Ok(()),
+    }
+}

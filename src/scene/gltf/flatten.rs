@@ -1,0 +1,128 @@
+//! All instances of all surfaces in one mesh, relative to the anchor.
+
+use glam::{DMat3, DMat4, DVec3, Vec3, Vec4};
+use rayon::prelude::*;
+
+use super::shape::Shape;
+use super::surface::Surface;
+use super::vectors::{Dropped, transform_normal, transform_tangent, unit_normals, usable_tangent};
+use crate::scene::Mesh;
+
+/// The centre of the world bounds of all instances; the origin when there is nothing.
+pub fn anchor(shapes: &[Shape]) -> DVec3 {
+    let instances: Vec<(&Shape, &DMat4)> =
+        shapes.iter().flat_map(|shape| shape.transforms.iter().map(move |world| (shape, world))).collect();
+    let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = instances
+        .par_iter()
+        .map(|(shape, world)| {
+            let corners = shape.triangles.iter().flatten().map(|&i| shape.positions[i as usize].as_dvec3());
+            let points = corners.map(|p| world.transform_point3(p)).filter(|p| p.is_finite());
+            points.fold(nothing, |(low, high), p| (low.min(p), high.max(p)))
+        })
+        .reduce(|| nothing, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let centre = low * 0.5 + high * 0.5;
+    if centre.is_finite() { centre } else { DVec3::ZERO }
+}
+
+/// A surface of one instance.
+struct Placed<'a> {
+    surface: &'a Surface,
+    material: u32,
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    tangents: Vec<Vec4>,
+    triangles: Vec<[u32; 3]>,
+    dropped: Dropped,
+}
+
+impl<'a> Placed<'a> {
+    fn new(surface: &'a Surface, material: u32, world: &DMat4, anchor: DVec3) -> Self {
+        let shape = &surface.shape;
+        let mut anchor_from_shape = *world;
+        anchor_from_shape.w_axis -= anchor.extend(0.0);
+        let linear = DMat3::from_mat4(*world);
+        let mut positions: Vec<Vec3> = shape
+            .positions
+            .iter()
+            .map(|p| anchor_from_shape.transform_point3(p.as_dvec3()).as_vec3())
+            .collect();
+        let mut triangles = shape.triangles.clone();
+        if linear.determinant() < 0.0 {
+            // Mirroring turns the winding (glTF 2.0, 3.7.4).
+            triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+        }
+        let mut dropped = Dropped::default();
+        dropped.filter(&mut triangles, &positions);
+        let normals: Vec<Vec3> = shape.normals.iter().map(|&n| transform_normal(&linear, n)).collect();
+        let normals = unit_normals(&normals, &positions, &triangles);
+        let tangents = surface.tangents.iter().map(|&t| transform_tangent(&linear, t)).zip(&normals);
+        let tangents = tangents.map(|(tangent, &normal)| usable_tangent(tangent, normal)).collect();
+        // No triangle uses these any more.
+        positions.iter_mut().filter(|p| !p.is_finite()).for_each(|p| *p = Vec3::ZERO);
+        Placed { surface, material, positions, normals, tangents, triangles, dropped }
+    }
+}
+
+/// Places all instances; `materials` has the material of each surface.
+///
+/// Returns the mesh, the number of instances in it, and the triangles that
+/// have no area or are not finite in single precision relative to the anchor.
+pub fn flatten(surfaces: &[Surface], materials: &[u32], anchor: DVec3) -> (Mesh, usize, Dropped) {
+    let instances: Vec<(&Surface, u32, &DMat4)> = surfaces
+        .iter()
+        .zip(materials)
+        .flat_map(|(surface, &material)| {
+            surface.shape.transforms.iter().map(move |world| (surface, material, world))
+        })
+        .collect();
+    let placed: Vec<Placed<'_>> = instances
+        .par_iter()
+        .map(|(surface, material, world)| Placed::new(surface, *material, world, anchor))
+        .collect();
+    let mut dropped = Dropped::default();
+    placed.iter().for_each(|instance| dropped.add(instance.dropped, 1));
+    let placed: Vec<Placed<'_>> =
+        placed.into_iter().filter(|instance| !instance.triangles.is_empty()).collect();
+    let count = placed.len();
+    (join(placed), count, dropped)
+}
+
+fn join(placed: Vec<Placed<'_>>) -> Mesh {
+    let vertices = placed.iter().map(|p| p.positions.len()).sum();
+    let triangles = placed.iter().map(|p| p.triangles.len()).sum();
+    let has_uvs = [0, 1].map(|slot| placed.iter().any(|p| !p.surface.uvs[slot].is_empty()));
+    let has_tangents = placed.iter().any(|p| !p.tangents.is_empty());
+    let has_colors = placed.iter().any(|p| p.surface.shape.colors.is_some());
+    let room = |wanted: bool| if wanted { vertices } else { 0 };
+    let mut mesh = Mesh {
+        positions: Vec::with_capacity(vertices),
+        normals: Vec::with_capacity(vertices),
+        tangents: Vec::with_capacity(room(has_tangents)),
+        uvs: has_uvs.map(|wanted| Vec::with_capacity(room(wanted))),
+        colors: Vec::with_capacity(room(has_colors)),
+        triangles: Vec::with_capacity(triangles),
+        materials: Vec::with_capacity(triangles),
+    };
+    for instance in placed {
+        let base = mesh.positions.len() as u32;
+        mesh.positions.extend(instance.positions);
+        mesh.normals.extend(instance.normals);
+        let vertices = mesh.positions.len();
+        if has_tangents {
+            mesh.tangents.extend(instance.tangents);
+            mesh.tangents.resize(vertices, Vec4::new(1.0, 0.0, 0.0, 1.0));
+        }
+        for slot in [0, 1].into_iter().filter(|&slot| has_uvs[slot]) {
+            mesh.uvs[slot].extend_from_slice(&instance.surface.uvs[slot]);
+            mesh.uvs[slot].resize(vertices, Default::default());
+        }
+        if has_colors {
+            mesh.colors.extend(instance.surface.shape.colors.iter().flatten());
+            mesh.colors.resize(vertices, Vec4::ONE);
+        }
+        mesh.materials.resize(mesh.materials.len() + instance.triangles.len(), instance.material);
+        mesh.triangles.extend(instance.triangles.iter().map(|triangle| triangle.map(|i| base + i)));
+    }
+    mesh
+}

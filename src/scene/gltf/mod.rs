@@ -1,0 +1,220 @@
+//! glTF 2.0 files to a [`Scene`].
+//!
+//! A file passes through the rooms below in this order: its bytes are split and parsed (`container`,
+//! `json`), all references are checked (`check`), buffers are read from the scene's folder (`source`,
+//! `buffers`), nodes are composed (`nodes`) and say what is shown (`placements`, `placed`). Images are
+//! then decoded (`images`) while geometry is read (`shape`, `reader`, `accessor`, `triangulate`, `skin`).
+//! With both known, materials are reduced to what matters (`materials`), the attributes that are left
+//! are read or made (`surface`, `tangents`), and all instances become one mesh (`flatten`, `vectors`).
+//!
+//! Nothing that a file claims is believed: indices, ranges and counts are checked before use.
+
+mod accessor;
+mod buffers;
+mod check;
+mod container;
+mod flatten;
+mod images;
+mod json;
+mod materials;
+mod nodes;
+mod placed;
+mod placements;
+mod reader;
+mod shape;
+mod skin;
+mod source;
+mod surface;
+mod tangents;
+mod triangulate;
+mod vectors;
+
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use self::buffers::Buffers;
+use self::images::Decoded;
+use self::json::Document;
+use self::materials::{Draft, Finished, TextureTable};
+use self::nodes::Nodes;
+use self::placements::{Placement, placements};
+use self::shape::Shape;
+use self::source::Folder;
+use self::surface::Surface;
+use self::vectors::Dropped;
+use super::{Scene, Texture};
+use crate::{Error, Result};
+
+/// What went right, or a clause about what is wrong with the file and the next step.
+type Outcome<T> = std::result::Result<T, String>;
+
+/// A `.glb` cannot be longer, and no sensible `.gltf` is.
+const MAX_FILE: u64 = 1 << 32;
+
+/// Materials by the document's index; `None` is the default material.
+type ByMaterial<T> = BTreeMap<Option<usize>, T>;
+
+/// Reads a `.gltf` or `.glb` file and the buffers and images of its folder and below.
+///
+/// A file without any triangle gives an empty scene. What is left out or repaired is told in
+/// [`Scene::warnings`].
+///
+/// # Errors
+/// [`Error::File`] when the file itself cannot be read, [`Error::Scene`] when it or what it refers to is
+/// malformed, missing, outside its folder, too large, or requires an unsupported extension.
+pub fn load(path: &Path) -> Result<Scene> {
+    let bytes = source::read_file(path, MAX_FILE).map_err(|error| Error::io(path, &error))?;
+    let folder = Folder::of(path).map_err(|error| Error::io(path, &error))?;
+    let binary = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb"));
+    read(&bytes, binary, &folder).map_err(|problem| Error::Scene { path: path.to_path_buf(), problem })
+}
+
+/// Reads a binary glTF file from memory; `name` stands for it in messages. Nothing outside is read.
+///
+/// # Errors
+/// [`Error::Scene`] as for [`load`].
+pub fn load_glb(name: &Path, bytes: &[u8]) -> Result<Scene> {
+    read(bytes, true, &Folder::none()).map_err(|problem| Error::Scene { path: name.to_path_buf(), problem })
+}
+
+fn read(bytes: &[u8], binary: bool, folder: &Folder) -> Outcome<Scene> {
+    let mut warnings = Vec::new();
+    let container = container::parse(bytes, binary, &mut warnings)?;
+    let document = &container.document;
+    check::references(document)?;
+    let buffers = &Buffers::load(document, container.bin.map(|bin| &bytes[bin]), folder)?;
+    let nodes = Nodes::new(document)?;
+    let placements = placements(document, &nodes, &mut warnings)?;
+
+    let mut drafts = drafts(document, &placements, &mut warnings)?;
+    let (images, shapes) = rayon::join(
+        || images::load(document, buffers, folder, &images_of(&drafts)),
+        || shapes(document, buffers, &nodes, placements, &drafts),
+    );
+    let (images, mut shapes) = (images?, shapes?);
+    let mut dropped = Dropped::default();
+    shapes.retain(|shape| {
+        dropped.add(shape.dropped, shape.transforms.len());
+        !shape.triangles.is_empty()
+    });
+
+    let least_alphas = least_alphas(&shapes);
+    drafts.retain(|index, _| least_alphas.contains_key(index));
+    drafts.iter_mut().for_each(|(index, draft)| draft.simplify(&images, least_alphas[index]));
+    let mut table = TextureTable::default();
+    let finished: ByMaterial<Finished> =
+        drafts.into_iter().map(|(index, draft)| (index, draft.finish(&mut table, &mut warnings))).collect();
+
+    let anchor = flatten::anchor(&shapes);
+    let (textures, surfaces) = rayon::join(
+        || textures(table, images),
+        || {
+            shapes
+                .into_par_iter()
+                .map(|shape| surface(document, buffers, shape, &finished))
+                .collect::<Outcome<Vec<_>>>()
+        },
+    );
+    let surfaces = surfaces?;
+    let numbers: HashMap<Option<usize>, u32> = finished.keys().copied().zip(0..).collect();
+    let material_of: Vec<u32> = surfaces.iter().map(|surface| numbers[&surface.shape.material]).collect();
+    let (mesh, instances, collapsed) = flatten::flatten(&surfaces, &material_of, anchor);
+    dropped.add(collapsed, 1);
+
+    let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
+    if lacking > 0 {
+        warnings.push(format!("{lacking} primitives lack the texture coordinates that their materials read, which are taken as zero"));
+    }
+    if dropped != Dropped::default() {
+        warnings.push(format!(
+            "triangles were left out: {} without area, {} with coordinates that are not finite",
+            dropped.no_area, dropped.not_finite
+        ));
+    }
+    let lights = placed::lights(document, &nodes, anchor, &mut warnings)?;
+    let cameras = placed::cameras(document, &nodes, &mut warnings);
+    let mut said = HashSet::new();
+    warnings.retain(|warning| said.insert(warning.clone()));
+    let materials = finished.into_values().map(|finished| finished.material).collect();
+    Ok(Scene { anchor, mesh, materials, textures, lights, cameras, instances, warnings })
+}
+
+fn drafts(
+    document: &Document,
+    placements: &[Placement],
+    warnings: &mut Vec<String>,
+) -> Outcome<ByMaterial<Draft>> {
+    let mut drafts = ByMaterial::new();
+    for placement in placements {
+        let index =
+            document.meshes[placement.mesh].primitives[placement.primitive].material.map(|index| index.0);
+        if let Entry::Vacant(entry) = drafts.entry(index) {
+            entry.insert(Draft::new(document, index, warnings)?);
+        }
+    }
+    Ok(drafts)
+}
+
+fn images_of(drafts: &ByMaterial<Draft>) -> Vec<usize> {
+    let mut images: Vec<usize> = drafts.values().flat_map(Draft::images).collect();
+    images.sort_unstable();
+    images.dedup();
+    images
+}
+
+fn shapes(
+    document: &Document,
+    buffers: &Buffers<'_>,
+    nodes: &Nodes,
+    placements: Vec<Placement>,
+    drafts: &ByMaterial<Draft>,
+) -> Outcome<Vec<Shape>> {
+    let read = |placement: Placement| {
+        let material = document.meshes[placement.mesh].primitives[placement.primitive].material;
+        let tangents = drafts[&material.map(|index| index.0)].has_normal_map();
+        Shape::read(document, buffers, nodes, placement, tangents)
+    };
+    placements.into_par_iter().map(read).collect()
+}
+
+fn least_alphas(shapes: &[Shape]) -> ByMaterial<f32> {
+    let mut least = ByMaterial::new();
+    for shape in shapes {
+        let alpha = least.entry(shape.material).or_insert(1.0_f32);
+        *alpha = alpha.min(shape.least_alpha());
+    }
+    least
+}
+
+fn surface(
+    document: &Document,
+    buffers: &Buffers<'_>,
+    shape: Shape,
+    finished: &ByMaterial<Finished>,
+) -> Outcome<Surface> {
+    let material = &finished[&shape.material];
+    Surface::new(document, buffers, shape, material)
+}
+
+fn textures(table: TextureTable, mut images: HashMap<usize, Decoded>) -> Vec<Texture> {
+    let mut uses = HashMap::<usize, usize>::new();
+    table.list.iter().for_each(|(image, _)| *uses.entry(*image).or_default() += 1);
+    let take = |(index, sampling)| {
+        let left = uses.get_mut(&index)?;
+        *left -= 1;
+        // The last texture of an image takes its texels instead of copying them.
+        let image = if *left == 0 { images.remove(&index)?.image } else { images.get(&index)?.image.clone() };
+        Some((image, sampling))
+    };
+    let sources: Vec<_> = table.list.into_iter().filter_map(take).collect();
+    drop(images);
+    sources.into_par_iter().map(|(image, sampling)| Texture::from_image(image, sampling)).collect()
+}
+
+/// A number of the file as a finite `f32`.
+fn finite(value: f64) -> f32 {
+    value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
+}

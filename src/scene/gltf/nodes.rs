@@ -1,0 +1,95 @@
+//! The node hierarchy: world transforms in double precision, and what the nodes place.
+
+use glam::{DMat3, DMat4, DQuat, DVec3};
+
+use super::Outcome;
+use super::json::{Document, Int, Node};
+
+/// The hierarchy, flattened.
+pub struct Nodes {
+    /// `world_from_node` of every node of the file, in the scene or not (a joint may be elsewhere).
+    pub world: Vec<DMat4>,
+    /// The nodes of the scene to show, parents before children.
+    pub shown: Vec<usize>,
+}
+
+impl Nodes {
+    /// Composes all transforms. Refuses cycles and nodes with two parents, which glTF forbids.
+    pub fn new(document: &Document) -> Outcome<Self> {
+        let nodes = &document.nodes;
+        let parents = parents(nodes)?;
+        let roots: Vec<usize> = (0..nodes.len()).filter(|&node| parents[node].is_none()).collect();
+        let order = descend(nodes, roots.clone());
+        if order.len() < nodes.len() {
+            return Err("its nodes form a cycle; export it again".into());
+        }
+        let mut world = vec![DMat4::IDENTITY; nodes.len()];
+        for &node in &order {
+            let local = local(&nodes[node]);
+            world[node] = parents[node].map_or(local, |parent| world[parent] * local);
+        }
+        let shown = match document.scenes.get(document.scene.unwrap_or(Int(0)).0) {
+            Some(scene) => {
+                let mut starts: Vec<usize> = scene.nodes.iter().map(|node| node.0).collect();
+                starts.sort_unstable();
+                starts.dedup();
+                descend(nodes, starts)
+            }
+            None => descend(nodes, roots),
+        };
+        Ok(Nodes { world, shown })
+    }
+}
+
+fn parents(nodes: &[Node]) -> Outcome<Vec<Option<usize>>> {
+    let mut parents = vec![None; nodes.len()];
+    for (parent, node) in nodes.iter().enumerate() {
+        for child in &node.children {
+            if parents[child.0].replace(parent).is_some() {
+                return Err(format!("node {} has two parents, which glTF forbids; export it again", child.0));
+            }
+        }
+    }
+    Ok(parents)
+}
+
+/// `starts` and all below them, each once, parents first; no recursion, so depth does not matter.
+fn descend(nodes: &[Node], starts: Vec<usize>) -> Vec<usize> {
+    let mut seen = vec![false; nodes.len()];
+    let mut order = starts;
+    order.iter().for_each(|&start| seen[start] = true);
+    let mut next = 0;
+    while next < order.len() {
+        for child in &nodes[order[next]].children {
+            if !std::mem::replace(&mut seen[child.0], true) {
+                order.push(child.0);
+            }
+        }
+        next += 1;
+    }
+    order
+}
+
+fn local(node: &Node) -> DMat4 {
+    if let Some(matrix) = &node.matrix {
+        return DMat4::from_cols_array(matrix);
+    }
+    let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
+    let length = rotation.length();
+    let rotation =
+        if length > 0.0 && length.is_finite() { rotation * (1.0 / length) } else { DQuat::IDENTITY };
+    DMat4::from_scale_rotation_translation(
+        DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
+        rotation,
+        DVec3::from_array(node.translation.unwrap_or([0.0; 3])),
+    )
+}
+
+/// The orientation of a node whose axes may be scaled, mirrored or sheared: -Z and, as far as
+/// possible, +Y point where the node's do.
+pub fn orientation(world: &DMat4) -> DQuat {
+    let back = world.z_axis.truncate().try_normalize().unwrap_or(DVec3::Z);
+    let up = world.y_axis.truncate();
+    let right = up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
+    DQuat::from_mat3(&DMat3::from_cols(right, back.cross(right), back))
+}

@@ -1,0 +1,85 @@
+//! Cameras and punctual lights, placed by their nodes.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+use glam::{DMat4, DVec3, Vec3};
+
+use super::json::{self, Document};
+use super::nodes::{Nodes, orientation};
+use super::{Outcome, finite};
+use crate::math::pose::Pose;
+use crate::scene::{Camera, Light, LightKind};
+
+/// The scene's cameras; world positions are absolute.
+pub fn cameras(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>) -> Vec<Camera> {
+    let placed = nodes.shown.iter().filter_map(|&node| Some((node, document.nodes[node].camera?.0)));
+    placed
+        .filter_map(|(node, index)| {
+            let (camera, world) = (&document.cameras[index], &nodes.world[node]);
+            if !world.is_finite() {
+                warnings.push(format!("camera {index} has no finite position and was left out"));
+                return None;
+            }
+            let fov_y = camera.perspective.as_ref().map(|p| p.yfov).filter(|y| (1e-6..PI).contains(y));
+            if camera.perspective.is_some() && fov_y.is_none() {
+                warnings.push(format!(
+                    "camera {index} has a field of view that is not between 0 and 180 degrees"
+                ));
+            }
+            let world_from_eye = Pose::new(orientation(world), world.w_axis.truncate());
+            Some(Camera { name: camera.name.clone().unwrap_or_default(), world_from_eye, fov_y })
+        })
+        .collect()
+}
+
+/// The scene's lights (KHR_lights_punctual), relative to `anchor`.
+pub fn lights(
+    document: &Document,
+    nodes: &Nodes,
+    anchor: DVec3,
+    warnings: &mut Vec<String>,
+) -> Outcome<Vec<Light>> {
+    let Some(list) = &document.extensions.lights else { return Ok(Vec::new()) };
+    let placed = nodes
+        .shown
+        .iter()
+        .filter_map(|&node| Some((node, document.nodes[node].extensions.light.as_ref()?.light.0)));
+    let mut lights = Vec::new();
+    for (node, index) in placed {
+        let light = place(&list.lights[index], index, &nodes.world[node], anchor)?;
+        if !light.position.is_finite() {
+            warnings.push(format!("light {index} has no finite position and was left out"));
+        } else if light.intensity != Vec3::ZERO {
+            lights.push(light);
+        }
+    }
+    Ok(lights)
+}
+
+fn place(light: &json::Light, index: usize, world: &DMat4, anchor: DVec3) -> Outcome<Light> {
+    let kind = match light.kind.as_str() {
+        "point" => LightKind::Point,
+        "directional" => LightKind::Directional,
+        "spot" => spot(light),
+        other => return Err(format!("light {index} has the unknown type {other:?}; export the scene again")),
+    };
+    let intensity = light.intensity.unwrap_or(1.0);
+    let position = match kind {
+        LightKind::Directional => Vec3::ZERO,
+        _ => (world.w_axis.truncate() - anchor).as_vec3(),
+    };
+    Ok(Light {
+        kind,
+        intensity: light.color.unwrap_or([1.0; 3]).map(|c| finite(c * intensity).max(0.0)).into(),
+        position,
+        direction: (orientation(world) * DVec3::NEG_Z).as_vec3().normalize(),
+        range: light.range.filter(|&range| range > 0.0).map_or(f32::INFINITY, |range| range as f32),
+    })
+}
+
+fn spot(light: &json::Light) -> LightKind {
+    let spot = light.spot.as_ref();
+    let outer = spot.and_then(|s| s.outer_cone_angle).unwrap_or(FRAC_PI_4).clamp(0.0, FRAC_PI_2);
+    let inner = spot.and_then(|s| s.inner_cone_angle).unwrap_or(0.0).clamp(0.0, outer);
+    LightKind::Spot { cos_inner: inner.cos() as f32, cos_outer: outer.cos() as f32 }
+}

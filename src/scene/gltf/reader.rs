@@ -1,0 +1,178 @@
+//! Reading a primitive's attributes through its accessors.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat4, Vec3, Vec4};
+use rayon::prelude::*;
+
+use super::Outcome;
+use super::accessor::{Accessor, Component};
+use super::buffers::Buffers;
+use super::json::{Document, Int, Primitive};
+use super::skin::Skin;
+use super::triangulate::{INDEX_TYPES, Mode, triangulate};
+
+/// Component types that KHR_mesh_quantization allows for positions, normals, tangents and texture
+/// coordinates, besides floats.
+pub const QUANTIZED: [Component; 5] =
+    [Component::F32, Component::I8, Component::U8, Component::I16, Component::U16];
+
+/// Looks up the accessors of one primitive.
+pub struct Reader<'a> {
+    document: &'a Document,
+    buffers: &'a Buffers<'a>,
+    what: String,
+    vertices: usize,
+}
+
+impl<'a> Reader<'a> {
+    /// A reader for a primitive that has positions; their data is checked to be there.
+    pub fn new(
+        document: &'a Document,
+        buffers: &'a Buffers<'a>,
+        mesh: usize,
+        primitive: usize,
+    ) -> Outcome<Self> {
+        let attributes = &document.meshes[mesh].primitives[primitive].attributes;
+        let vertices =
+            attributes.get("POSITION").map_or(0, |positions| document.accessors[positions.0].count.0);
+        let what = format!("primitive {primitive} of mesh {mesh}");
+        if vertices > u32::MAX as usize {
+            return Err(format!("{what} claims {vertices} vertices; export the scene again"));
+        }
+        let reader = Reader { document, buffers, what, vertices };
+        reader.attribute(attributes, "POSITION", &[3], &QUANTIZED)?;
+        Ok(reader)
+    }
+
+    /// The accessor of an attribute, if it is there; its count must be the primitive's.
+    pub fn attribute(
+        &self,
+        attributes: &BTreeMap<String, Int>,
+        name: &str,
+        widths: &[usize],
+        components: &[Component],
+    ) -> Outcome<Option<Accessor<'a>>> {
+        let Some(index) = attributes.get(name) else { return Ok(None) };
+        let accessor = Accessor::new(self.document, self.buffers, index.0)?;
+        let accessor = accessor.expect(&format!("{name} of {}", self.what), widths, components)?;
+        if accessor.count != self.vertices {
+            return Err(format!(
+                "{} has {} vertices but its {name} has {}; export the scene again",
+                self.what, self.vertices, accessor.count
+            ));
+        }
+        Ok(Some(accessor))
+    }
+
+    /// A vector attribute and its morph targets, summed, for each of `source`.
+    pub fn morphed(
+        &self,
+        primitive: &Primitive,
+        name: &str,
+        weights: &[f64],
+        source: &[u32],
+    ) -> Outcome<Option<Vec<Vec3>>> {
+        let width = if name == "TANGENT" { 4 } else { 3 };
+        let Some(base) = self.attribute(&primitive.attributes, name, &[width], &QUANTIZED)? else {
+            return Ok(None);
+        };
+        let mut values = gather(source, |vertex| Vec3::from(base.get::<3>(vertex)));
+        for (target, &weight) in primitive.targets.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
+            if let Some(delta) = self.attribute(target, name, &[3], &QUANTIZED)? {
+                let weight = weight as f32;
+                values.par_iter_mut().zip(source).with_min_len(4096).for_each(|(value, &vertex)| {
+                    *value += weight * Vec3::from(delta.get::<3>(vertex as usize))
+                });
+            }
+        }
+        Ok(Some(values))
+    }
+
+    /// TANGENT with its morph targets; the sign is -1 or 1.
+    pub fn tangents(
+        &self,
+        primitive: &Primitive,
+        weights: &[f64],
+        source: &[u32],
+    ) -> Outcome<Option<Vec<Vec4>>> {
+        let Some(vectors) = self.morphed(primitive, "TANGENT", weights, source)? else { return Ok(None) };
+        let Some(base) = self.attribute(&primitive.attributes, "TANGENT", &[4], &QUANTIZED)? else {
+            return Ok(None);
+        };
+        let signs = gather(source, |vertex| if base.get::<4>(vertex)[3] < 0.0 { -1.0 } else { 1.0 });
+        Ok(Some(vectors.iter().zip(signs).map(|(vector, sign)| vector.extend(sign)).collect()))
+    }
+
+    /// The triangles that the primitive draws.
+    pub fn triangles(&self, primitive: &Primitive) -> Outcome<Vec<[u32; 3]>> {
+        let mode =
+            primitive.mode.map_or(Some(Mode::Triangles), |mode| Mode::new(mode.0)).unwrap_or(Mode::Thin);
+        let indices = primitive
+            .indices
+            .map(|index| {
+                Accessor::new(self.document, self.buffers, index.0)?.expect(
+                    &format!("indices of {}", self.what),
+                    &[1],
+                    &INDEX_TYPES,
+                )
+            })
+            .transpose()?;
+        triangulate(mode, indices.as_ref(), self.vertices, &self.what)
+    }
+
+    /// COLOR_0, unless all are white.
+    pub fn colors(&self, primitive: &Primitive, source: &[u32]) -> Outcome<Option<Vec<Vec4>>> {
+        let types = [Component::F32, Component::U8, Component::U16];
+        let Some(accessor) = self.attribute(&primitive.attributes, "COLOR_0", &[3, 4], &types)? else {
+            return Ok(None);
+        };
+        let accessor = accessor.always_normalized();
+        let colors = gather(source, |vertex| {
+            Vec4::from(accessor.get::<4>(vertex).map(|c| if c.is_nan() { 1.0 } else { c.clamp(0.0, 1.0) }))
+        });
+        Ok(colors.iter().any(|&color| color != Vec4::ONE).then_some(colors))
+    }
+
+    /// The skin's matrix at each vertex: the mean of its joints' by weight.
+    pub fn blend(&self, primitive: &Primitive, skin: &Skin, source: &[u32]) -> Outcome<Vec<DMat4>> {
+        let mut sums = vec![(DMat4::ZERO, 0.0); source.len()];
+        for set in 0.. {
+            let (joints, weights) = (format!("JOINTS_{set}"), format!("WEIGHTS_{set}"));
+            let unsigned = [Component::U8, Component::U16];
+            let Some(joints) = self.attribute(&primitive.attributes, &joints, &[4], &unsigned)? else {
+                break;
+            };
+            let float = [Component::F32, Component::U8, Component::U16];
+            let Some(weights) = self.attribute(&primitive.attributes, &weights, &[4], &float)? else { break };
+            let weights = weights.always_normalized();
+            for ((sum, total), &vertex) in sums.iter_mut().zip(source) {
+                let pairs = joints
+                    .get_indices::<4>(vertex as usize)
+                    .into_iter()
+                    .zip(weights.get::<4>(vertex as usize));
+                for (joint, weight) in pairs.filter(|&(_, weight)| weight > 0.0 && weight.is_finite()) {
+                    let matrix = skin.matrices.get(joint as usize).ok_or_else(|| {
+                        format!(
+                            "{} refers to joint {joint}, but its skin has only {}; export the scene again",
+                            self.what,
+                            skin.matrices.len()
+                        )
+                    })?;
+                    *sum += *matrix * f64::from(weight);
+                    *total += f64::from(weight);
+                }
+            }
+        }
+        let unweighted = skin.matrices.first().copied().unwrap_or(DMat4::IDENTITY);
+        Ok(sums
+            .into_iter()
+            .map(|(sum, total)| if total > 0.0 { sum * (1.0 / total) } else { unweighted })
+            .collect())
+    }
+}
+
+/// One value per vertex of `source`, in parallel.
+pub fn gather<T: Send>(source: &[u32], read: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    source.par_iter().with_min_len(4096).map(|&vertex| read(vertex as usize)).collect()
+}

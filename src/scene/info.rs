@@ -1,0 +1,94 @@
+//! What a scene holds, in numbers: the answer of `foveate scene info`.
+
+use serde::Serialize;
+
+use super::{Environment, Features, LightKind, Scene};
+
+/// A summary of a scene under an environment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SceneInfo {
+    /// Triangles of all instances.
+    pub triangles: usize,
+    /// Vertices of all instances.
+    pub vertices: usize,
+    /// Primitives placed by nodes.
+    pub instances: usize,
+    /// Materials in use.
+    pub materials: usize,
+    /// Textures in use.
+    pub textures: usize,
+    /// Bytes of all textures' texels with their mip levels.
+    pub texture_bytes: usize,
+    /// World bounds in metres; absent without triangles.
+    pub bounds: Option<Bounds>,
+    /// What the kernels need for it.
+    pub features: Features,
+    /// The file's cameras.
+    pub cameras: Vec<CameraInfo>,
+    /// The file's lights, by kind.
+    pub lights: LightCounts,
+    /// What was left out or repaired.
+    pub warnings: Vec<String>,
+}
+
+/// An axis-aligned box in world metres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Bounds {
+    /// Least coordinates.
+    pub min: [f64; 3],
+    /// Greatest coordinates.
+    pub max: [f64; 3],
+}
+
+/// A camera of the file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CameraInfo {
+    /// The file's name for it, or empty.
+    pub name: String,
+    /// World position in metres.
+    pub position: [f64; 3],
+    /// Vertical field of view in degrees; absent for orthographic cameras.
+    pub fov_y: Option<f64>,
+}
+
+/// Numbers of punctual lights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LightCounts {
+    /// Point lights.
+    pub point: usize,
+    /// Spot lights.
+    pub spot: usize,
+    /// Directional lights.
+    pub directional: usize,
+}
+
+/// Sums up `scene` as it is lit by `environment`.
+pub fn summarise(scene: &Scene, environment: &Environment) -> SceneInfo {
+    let world = |corner: glam::Vec3| (scene.anchor + corner.as_dvec3()).to_array();
+    let mut lights = LightCounts::default();
+    for light in &scene.lights {
+        match light.kind {
+            LightKind::Point => lights.point += 1,
+            LightKind::Spot { .. } => lights.spot += 1,
+            LightKind::Directional => lights.directional += 1,
+        }
+    }
+    let cameras = scene.cameras.iter().map(|camera| CameraInfo {
+        name: camera.name.clone(),
+        position: camera.world_from_eye.position.to_array(),
+        fov_y: camera.fov_y.map(f64::to_degrees),
+    });
+    SceneInfo {
+        triangles: scene.mesh.triangles.len(),
+        vertices: scene.mesh.positions.len(),
+        instances: scene.instances,
+        materials: scene.materials.len(),
+        textures: scene.textures.len(),
+        texture_bytes: scene.textures.iter().map(|texture| size_of_val(texture.texels.as_slice())).sum(),
+        bounds: scene.mesh.bounds().map(|(low, high)| Bounds { min: world(low), max: world(high) }),
+        features: Features::required_by(scene, environment),
+        cameras: cameras.collect(),
+        lights,
+        warnings: scene.warnings.clone(),
+    }
+}

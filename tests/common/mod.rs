@@ -1,0 +1,22 @@
+//! What the integration tests share: where the test data is.
+
+#![allow(dead_code)] // No test uses everything.
+
+pub mod builder;
+
+use std::path::PathBuf;
+
+/// A file or folder of the test data; says so on standard error when it is not there.
+pub fn data(relative: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("FOVEATE_TEST_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let path = root.join(relative);
+    if !path.exists() {
+        eprintln!(
+            "not run: {} is not there; set FOVEATE_TEST_DATA to the folder that holds {relative}",
+            path.display()
+        );
+        return None;
+    }
+    Some(path)
+}
