@@ -37,7 +37,11 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Surface
     uint lost = straight ? trace_stream(scene, origin, 0.0f, &stream, straight, ANY, seed) : 0u;
     uint hits = bounced ? trace_stream(scene, origin, 0.0f, &stream, bounced, CLOSEST_FRONT, seed) : 0u;
     rays = popcount(straight | bounced);
-    for (uint left = (straight & ~lost) | bounced; left; left &= left - 1u) {
+    // What passes behind a single-sided surface is still kept from the sky by it.
+    uint escaped = bounced & ~hits;
+    if (escaped)
+        lost |= trace_stream(scene, origin, 0.0f, &stream, escaped, ANY, seed);
+    for (uint left = (straight | bounced) & ~lost; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = (float3)(stream.dx[i], stream.dy[i], stream.dz[i]);
         float3 light;

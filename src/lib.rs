@@ -20,4 +20,10 @@ pub mod gpu;
 pub mod reconstruct;
 pub mod trace;
 
+pub mod frame;
+
+pub mod measure;
+
+pub mod cli;
+
 pub use error::{Error, Result};

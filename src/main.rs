@@ -1,2 +1,15 @@
 //! foveate: see `foveate --help`.
-fn main() {}
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    match foveate::cli::Cli::parse().run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("foveate: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

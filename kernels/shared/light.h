@@ -151,8 +151,12 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
         Stream one;
         set_ray(&one, 0, light, INFINITY);
         ++*rays;
-        if (!trace_stream(scene, origin, 0.0f, &one, 1u, CLOSEST_FRONT, seed))
-            return sum + throughput * weight * distant_light(scene, shading, light, s.occlusion);
+        if (!trace_stream(scene, origin, 0.0f, &one, 1u, CLOSEST_FRONT, seed)) {
+            // What passes behind a single-sided surface is still kept from the sky by it.
+            if (!trace_stream(scene, origin, 0.0f, &one, 1u, ANY, seed))
+                sum += throughput * weight * distant_light(scene, shading, light, s.occlusion);
+            return sum;
+        }
         // The path goes on along the same ray: what it hits is the light from that direction.
         if (bounce + 1u >= bounces)
             return sum;

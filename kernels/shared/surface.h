@@ -94,10 +94,8 @@ static float3 mapped_normal(const Scene *scene, __global const Material *materia
                             float3 w, float3 n)
 {
     float4 tangent = scene->tangents[index.x] * w.x + scene->tangents[index.y] * w.y + scene->tangents[index.z] * w.z;
-    float3 t = tangent.xyz - n * dot3(n, tangent.xyz);
-    if (!(dot3(t, t) > 1.0e-12f))
-        return n;
-    t = normalize(t);
+    // As MikkTSpace has it: interpolated, and not made orthogonal to the normal again.
+    float3 t = unit_or(tangent.xyz, (float3)(0.0f));
     float3 b = cross(n, t) * (scene->tangents[index.x].w < 0.0f ? -1.0f : 1.0f);
     float3 m = lookup(scene, &material->textures[2], at).xyz * 2.0f - 1.0f;
     m.xy *= material->normal_scale;
@@ -173,7 +171,7 @@ static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 
     s.normal = n;
     s.metallic = clamp(s.metallic, 0.0f, 1.0f);
     s.roughness = clamp(s.roughness, 0.0f, 1.0f);
-    s.alpha = max(s.roughness * s.roughness, 0.002f);
+    s.alpha = max(s.roughness * s.roughness, 0.001f);
     s.base = max(s.base, 0.0f);
     return s;
 }

@@ -1,4 +1,5 @@
 //! The machine's compute and graphics devices, behind safe interfaces.
 
+pub mod interop;
 pub mod opencl;
 pub mod vulkan;

@@ -28,6 +28,14 @@ impl Display {
         Display { width: picture.width, height: picture.height, pixels }
     }
 
+    /// From four bytes a pixel, sRGB codes and an alpha that is ignored.
+    pub fn from_rgba(width: u32, height: u32, rgba: &[u8]) -> Self {
+        assert_eq!(rgba.len(), width as usize * height as usize * 4, "four bytes for each pixel");
+        let code = |byte: u8| f32::from(byte) / 255.0;
+        let pixels = rgba.chunks_exact(4).map(|p| [code(p[0]), code(p[1]), code(p[2])]).collect();
+        Display { width, height, pixels }
+    }
+
     /// Reads a PNG file as sRGB codes; alpha is ignored.
     ///
     /// # Errors

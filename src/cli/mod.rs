@@ -1,0 +1,50 @@
+//! The command line: arguments to a configuration, and one command.
+
+
+
+mod machine;
+
+mod options;
+mod output;
+mod render;
+
+
+use clap::{Parser, Subcommand};
+
+use crate::error::Result;
+
+/// Ray-traces a glTF scene for a headset: sharp where the eye looks, sparse elsewhere.
+#[derive(Debug, Parser)]
+#[command(name = "foveate", version, about, after_help = EXAMPLES)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "Examples:
+  foveate demo                                       the demo scene, in the best headset there is
+  foveate render scene.glb --out picture.png         one foveated picture
+  foveate render scene.glb --out all.exr --samples full --rays 256
+  foveate mock scene.glb --frames 60 --out frames/   a mock headset that follows a script
+  foveate devices                                    what this machine offers, and what is used
+
+Every setting has a place in configs/default.toml; --config FILE and --set key=value change them, and
+flags win over both.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render one picture of a scene: .png for a display, .exr for linear radiance.
+    Render(render::Args),
+}
+
+impl Cli {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// One sentence for the operator.
+    pub fn run(self) -> Result<()> {
+        match self.command {
+            Command::Render(args) => render::run(&args),
+        }
+    }
+}

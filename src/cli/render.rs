@@ -1,0 +1,194 @@
+//! `foveate render`: one picture.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use glam::DVec2;
+use serde::Serialize;
+
+use super::machine::Machine;
+use super::options::{RenderOptions, eye_fov};
+use super::output::{self, RenderSummary};
+use crate::config::{Config, Stereo};
+use crate::error::{Error, Result};
+use crate::frame::stereo::parallel_eyes;
+use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
+use crate::math::pose::Pose;
+use crate::math::view::View;
+use crate::measure::{Display, Picture};
+
+/// Arguments of `foveate render`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A glTF 2.0 file, .gltf or .glb.
+    scene: PathBuf,
+    /// Where the picture goes: .png is tone-mapped sRGB, .exr holds linear radiance.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Average this many pictures, each with its own random numbers and camera rays through random
+    /// points of their pixels: for references.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    passes: u32,
+    #[command(flatten)]
+    options: RenderOptions,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum FileKind {
+    Png,
+    Exr,
+}
+
+#[derive(Serialize)]
+struct Summary {
+    #[serde(flatten)]
+    render: RenderSummary,
+    passes: u32,
+    out: String,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let start = Instant::now();
+    let kind = file_kind(&args.out)?;
+    let config = args.options.config()?;
+    let gaze = args.options.gaze()?;
+    let (machine, loaded) = open(&args.scene, &config)?;
+    output::print_warnings(&loaded.warnings);
+    let plan = plan(&args.options, &config, &loaded)?;
+    let averaged = args.passes > 1;
+    let output = if kind == FileKind::Exr || averaged { Output::Radiance } else { Output::Display };
+    let (mut renderer, steps) = Renderer::new(&machine.device, &machine.context, &loaded, &config, output)?;
+    let gaze = gaze_in_views(&plan, gaze);
+
+    let mut frames = Vec::new();
+    let mut sum = Sum::default();
+    let bar = output::progress(args.passes.into(), "passes");
+    renderer.set_jitter(averaged);
+    for pass in 0..args.passes {
+        frames.push(renderer.frame(&plan, &gaze, config.trace.seed.wrapping_add(pass))?);
+        if averaged {
+            sum.add(bytemuck::cast_slice(&renderer.picture()?));
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let first_frame = Step { name: "first picture", ms: start.elapsed().as_secs_f64() * 1e3 };
+    let pixels = if averaged { bytemuck::cast_slice(&sum.mean()).to_vec() } else { renderer.picture()? };
+    write(args, kind, output, &plan, &pixels, config.view.exposure)?;
+
+    let steps: Vec<Step> = loaded.steps.iter().chain(&steps).copied().chain([first_frame]).collect();
+    report(args, &config, &plan, &machine, &renderer, &frames, &steps)
+}
+
+/// Opens the devices while the scene loads.
+pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded)> {
+    let (machine, loaded) =
+        rayon::join(|| Machine::open(&config.devices), || Loaded::from_file(scene, config));
+    // What is wrong with the scene comes first: it is the likelier mistake.
+    let loaded = loaded?;
+    if loaded.scene.mesh.triangles.is_empty() {
+        return Err(Error::Scene { path: scene.to_path_buf(), problem: "it has no triangles to show; check its export".into() });
+    }
+    Ok((machine?, loaded))
+}
+
+fn file_kind(path: &std::path::Path) -> Result<FileKind> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
+    match extension.as_str() {
+        "png" => Ok(FileKind::Png),
+        "exr" => Ok(FileKind::Exr),
+        _ => Err(Error::setting("--out", format!("{} ends in neither .png nor .exr", path.display()))),
+    }
+}
+
+fn plan(options: &RenderOptions, config: &Config, loaded: &Loaded) -> Result<Plan> {
+    let (head, fov_y) = options.viewpoint(&loaded.scene, config)?;
+    plan_at(config, head, fov_y)
+}
+
+/// The views of a picture of the configured size, seen from `head`.
+pub fn plan_at(config: &Config, head: Pose, fov_y: f64) -> Result<Plan> {
+    let (width, height) = (config.view.width, config.view.height);
+    if config.view.stereo == Stereo::Mono {
+        let fov = eye_fov(fov_y, width, height);
+        return Ok(Plan::mono(View { world_from_eye: head, fov, width, height }));
+    }
+    let eye = width / 2;
+    let eyes = parallel_eyes(head, config.view.ipd, eye_fov(fov_y, eye, height), eye, height);
+    Plan::stereo(eyes, config.view.stereo)
+}
+
+/// A gaze in 0..1 of the whole picture (of each eye's half with stereo) as points of the traced views.
+fn gaze_in_views(plan: &Plan, gaze: Option<DVec2>) -> Vec<DVec2> {
+    let Some(gaze) = gaze else { return Vec::new() };
+    let in_view = |(view, cuts): &(View, Vec<crate::frame::Cut>)| {
+        let cut = &cuts[0];
+        let size = DVec2::new(f64::from(view.width), f64::from(view.height));
+        let part = DVec2::new(f64::from(cut.rect.width), f64::from(cut.rect.height));
+        (DVec2::new(f64::from(cut.source[0]), f64::from(cut.source[1])) + gaze * part) / size
+    };
+    plan.views.iter().map(in_view).collect()
+}
+
+/// Mean of pictures, in double precision.
+#[derive(Default)]
+struct Sum {
+    total: Vec<f64>,
+    count: f64,
+}
+
+impl Sum {
+    fn add(&mut self, values: &[f32]) {
+        self.total.resize(values.len(), 0.0);
+        self.total.iter_mut().zip(values).for_each(|(t, &v)| *t += f64::from(v));
+        self.count += 1.0;
+    }
+
+    fn mean(&self) -> Vec<f32> {
+        self.total.iter().map(|&t| (t / self.count) as f32).collect()
+    }
+}
+
+fn write(args: &Args, kind: FileKind, output: Output, plan: &Plan, pixels: &[u8], exposure: f64) -> Result<()> {
+    let (width, height) = (plan.width, plan.height);
+    if output == Output::Display {
+        return Display::from_rgba(width, height, pixels).write_png(&args.out);
+    }
+    let floats: &[f32] = bytemuck::cast_slice(pixels);
+    let rgb = floats.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect();
+    let picture = Picture::new(width, height, rgb)?;
+    match kind {
+        FileKind::Exr => picture.write_exr(&args.out),
+        FileKind::Png => Display::from_picture(&picture, exposure as f32).write_png(&args.out),
+    }
+}
+
+fn report(
+    args: &Args,
+    config: &Config,
+    plan: &Plan,
+    machine: &Machine,
+    renderer: &Renderer,
+    frames: &[FrameReport],
+    steps: &[Step],
+) -> Result<()> {
+    let render = RenderSummary::of(frames).about(plan, machine, renderer, steps);
+    if args.options.config.json {
+        return output::print_json(&Summary { render, passes: args.passes, out: args.out.display().to_string() });
+    }
+    output::print_line(&format!(
+        "{}: {}x{}, {} samples for {} pixels, {} rays each{}, {:.0} ms ({:.2} Mrays/s), samples {} from {}",
+        args.out.display(),
+        plan.width,
+        plan.height,
+        render.samples,
+        render.pixels,
+        config.trace.rays,
+        if args.passes > 1 { format!(", {} passes", args.passes) } else { String::new() },
+        render.frame_ms.p50,
+        render.mrays_per_second,
+        render.sharing,
+        machine.describe(),
+    ))
+}

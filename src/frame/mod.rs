@@ -1,0 +1,9 @@
+//! A frame, from poses to pixels.
+
+pub mod load;
+pub mod pipeline;
+pub mod stereo;
+
+pub use load::{Loaded, Step};
+pub use pipeline::{FrameReport, Output, Renderer, StageMs};
+pub use stereo::{Cut, Plan};
