@@ -1,6 +1,7 @@
 //! Scenes made by our own code, as binary glTF files in memory. The same arguments always make the same
 //! bytes.
 
+pub mod demo;
 pub mod glb;
 #[cfg(test)]
 mod glb_reader;

@@ -123,6 +123,11 @@ impl Glb {
         push(&mut self.materials, material)
     }
 
+    /// Makes a material seen from both sides.
+    pub fn double_sided(&mut self, material: usize) {
+        self.materials[material]["doubleSided"] = json!(true);
+    }
+
     /// Adds the data of a shape and returns a primitive of it for [`Glb::mesh`].
     pub fn primitive(&mut self, shape: &Shape, material: usize) -> Value {
         let floats =

@@ -123,6 +123,13 @@ impl Shape {
         self.lathe_with(profile, segments, |_| 1.0);
     }
 
+    /// [`Shape::lathe`] around an axis through `at`, from where heights count.
+    pub fn lathe_at(&mut self, at: Vec3, profile: &[(f32, f32)], segments: usize) {
+        let mut made = Shape::default();
+        made.lathe(profile, segments);
+        self.append(&made, Affine3A::from_translation(at));
+    }
+
     /// [`Shape::lathe`] with the radius multiplied by `scale(angle)`, such as fluting.
     pub fn lathe_with(&mut self, profile: &[(f32, f32)], segments: usize, scale: impl Fn(f32) -> f32) {
         let slopes: Vec<Vec2> = profile
@@ -269,7 +276,10 @@ mod tests {
         near(volume(&made(|s| s.cuboid(Vec3::splat(9.0), half))), 48.0);
         near(volume(&made(|s| s.beam(Vec3::ONE, Vec3::new(1.0, 5.0, 1.0), 0.5))), 4.0);
         near(volume(&made(|s| s.sphere(Vec3::X, 1.0, 48))), 4.189);
-        near(volume(&made(|s| s.lathe(&[(0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (0.0, 2.0)], 64))), 6.283);
+        near(
+            volume(&made(|s| s.lathe(&[(0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (0.0, 2.0)], 64))),
+            std::f32::consts::TAU,
+        );
         near(volume(&made(|s| s.ring(1.0, 0.2, 64, 24))), 0.7896);
     }
 

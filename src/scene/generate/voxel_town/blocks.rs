@@ -137,14 +137,14 @@ pub(super) struct Ground {
 
 impl Ground {
     /// Distance along z from the middle of the river, in blocks.
-    pub(super) fn from_river(&self, x: i32, z: i32) -> f64 {
+    pub(super) fn river_distance(&self, x: i32, z: i32) -> f64 {
         let x = f64::from(x);
         (f64::from(z) - 46.0 * (x / 140.0).sin() - 20.0 * (x / 53.0 + 1.0).sin() - 28.0).abs()
     }
 
     /// Height of the uppermost block of land.
     pub(super) fn level(&self, x: i32, z: i32) -> usize {
-        let bank = (self.from_river(x, z) - 10.0) / 170.0;
+        let bank = (self.river_distance(x, z) - 10.0) / 170.0;
         if bank < 0.0 {
             return WATER_LEVEL - 3;
         }

@@ -41,7 +41,7 @@ fn lay_ground(site: &mut Site, lot: [i32; 2], ground: &Ground) -> bool {
     let wet = (0..PITCH as i32).any(|x| {
         [0, 10, EDGE].iter().any(|&z| {
             let (x, z) = place(x, z);
-            ground.from_river(x, z) < 12.0
+            ground.river_distance(x, z) < 12.0
         })
     });
     let shared = ground.lot_level(lot) as i32;
@@ -52,7 +52,7 @@ fn lay_ground(site: &mut Site, lot: [i32; 2], ground: &Ground) -> bool {
             let own = ground.level(wx, wz) as i32;
             let level = if street || wet { own } else { shared };
             let top = match () {
-                _ if own < WATER_LEVEL as i32 || (wet && ground.from_river(wx, wz) < 13.0) => Block::SAND,
+                _ if own < WATER_LEVEL as i32 || (wet && ground.river_distance(wx, wz) < 13.0) => Block::SAND,
                 _ if street => Block::COBBLE,
                 _ => Block::GRASS,
             };
@@ -69,7 +69,7 @@ fn lay_ground(site: &mut Site, lot: [i32; 2], ground: &Ground) -> bool {
 /// Bridges, boats and trees along the water.
 fn riverside(site: &mut Site, lot: [i32; 2], ground: &Ground, random: &mut Random) {
     let corner = lot.map(|l| l * PITCH as i32 - PITCH as i32 / 2);
-    let depth = |x: i32, z: i32| ground.from_river(corner[0] + x, corner[1] + z);
+    let depth = |x: i32, z: i32| ground.river_distance(corner[0] + x, corner[1] + z);
     let deck = WATER_LEVEL as i32 + 2;
     if lot[0].rem_euclid(3) == 0 {
         for z in 0..PITCH as i32 {
