@@ -119,10 +119,10 @@ fn scan(at: vec2<u32>, radius: u32, kind: u32) {
     }
 }
 
-// The smallest whole number whose square is not below a square.
+// The smallest whole number whose square is not below a square of at most 65535^2.
 fn root_up(squared: u32) -> u32 {
-    var root = u32(sqrt(f32(squared)));
-    while root * root < squared {
+    var root = min(u32(sqrt(f32(squared))), 65535u);
+    while root < 65535u && root * root < squared {
         root++;
     }
     return root;
