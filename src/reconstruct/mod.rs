@@ -10,6 +10,8 @@ mod grid;
 mod settings;
 mod shaders;
 mod tables;
+#[cfg(test)]
+mod tests;
 
 use std::collections::HashMap;
 
@@ -123,6 +125,9 @@ struct PixelParameters {
     normal_power: f32,
     plane_tolerance: f32,
     pixel_width: f32,
+    count: u32,
+    sample_neighbours: u32,
+    padding: [u32; 2],
 }
 
 impl Reconstruction {
@@ -286,8 +291,13 @@ impl Prepare {
             padding: 0,
         };
         if let (Some(filter), Some(nearest)) = (&self.filter, tables.nearest()) {
-            let buffers =
-                [Some(samples), Some(tables.prepared()), Some(dropped), Some(tables.positions()), Some(nearest)];
+            let buffers = [
+                Some(samples),
+                Some(tables.prepared()),
+                Some(dropped),
+                Some(tables.positions()),
+                Some(nearest),
+            ];
             let groups = [parameters.count.div_ceil(64), 1, 1];
             return commands.dispatch(filter, &buffers, bytemuck::bytes_of(&parameters), groups);
         }
@@ -346,6 +356,9 @@ fn draw(
             normal_power: guided.normal_power,
             plane_tolerance: guided.plane_tolerance,
             pixel_width,
+            count: tables.count as u32,
+            sample_neighbours: tables.neighbours,
+            padding: [0; 2],
         };
         let first_sample = band.first_sample as usize;
         let prepared = tables
@@ -359,6 +372,7 @@ fn draw(
             Some(&band.weights),
             Some(&positions),
             visibility.as_ref(),
+            Some(tables.nearest().unwrap_or(&positions)),
         ];
         let rect = Rect { x, y: y + first - source_y, width, height: end - first };
         commands.draw(pass, output.target, rect, &buffers, bytemuck::bytes_of(&parameters))?;
