@@ -5,6 +5,11 @@
 //! each sample. A frame ([`Reconstruction::submit`]) then takes two passes: one over the samples
 //! (what is not finite is taken out; guided: each is averaged with its neighbours on its surface),
 //! and one over the pixels, which writes the target.
+//!
+//! The pass over the pixels is a fragment shader, because swapchains of SRGB formats take no other; on
+//! lavapipe it costs what a compute shader costs. Neighbours are found on the device, because that was
+//! the faster of the two there (180 against 280 ms of CPU time for a guided pattern of 55,000 samples in
+//! 1280x800 pixels), and tables never leave the device's memory.
 
 mod grid;
 mod settings;
@@ -61,7 +66,7 @@ pub struct Frame<'a> {
     pub samples: BufferRef,
     /// One [`VisibilityRecord`] for each pixel, row after row; needed for guided reconstruction.
     pub visibility: Option<BufferRef>,
-    /// Where the pixels go.
+    /// Where the pixels go: rectangles of one target do not overlap.
     pub outputs: &'a [Output<'a>],
 }
 

@@ -23,7 +23,7 @@ fn normal(view: &View, of_eye: [f32; 3]) -> u32 {
 fn scattered(count: u32, width: u32, height: u32) -> Vec<u32> {
     let hash = |i: u32| (i.wrapping_mul(0x9e37_79b9) ^ 0x5bd1_e995).wrapping_mul(0x85eb_ca6b) >> 9;
     let mut samples: Vec<u32> =
-        (0..count).map(|i| hash(2 * i) % width | (hash(2 * i + 1) % height) << 16).collect();
+        (0..count).map(|i| (hash(2 * i) % width) | ((hash(2 * i + 1) % height) << 16)).collect();
     samples.sort_unstable();
     samples.dedup();
     samples
@@ -390,5 +390,26 @@ fn guided_reconstruction_asks_for_visibility() {
     let frame = Frame { view: &bench.view, samples: (&samples).into(), visibility: None, outputs: &outputs };
     let error = bench.reconstruction.submit(0, &frame).unwrap_err();
     assert!(error.to_string().contains("visibility"), "{error}");
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn a_wide_view_is_drawn_in_bands_without_seams() {
+    let Some(context) = testing::context() else { return };
+    let (width, height) = (8192, (context.storage_range() / (8192 * 16)).min(2048) as u32 + 24);
+    let samples = vec![0, (width - 1) | ((height - 1) << 16)];
+    let mut bench = Bench::new(&context, Mode::KNearest, (width, height), samples);
+    let image = Image::new(&context, Format::R8G8B8A8_UNORM, width, height).unwrap();
+    let mut output = Output::whole(image.target(), 0.0);
+    output.encoding = Encoding::Radiance;
+    bench.render_to(&[output], |x, _| radiance([(x > 0) as u32 as f32; 3]), nothing);
+    let picture = image.read().unwrap();
+    let red = |x: u32, y: u32| picture[((y * width + x) * 4) as usize];
+    assert_eq!((red(0, 0), red(width - 1, height - 1)), (0, 255));
+    for y in 1..height {
+        for x in (0..width).step_by(61) {
+            assert!(red(x, y).abs_diff(red(x, y - 1)) <= 1, "({x}, {y}): {} {}", red(x, y), red(x, y - 1));
+        }
+    }
     testing::assert_valid(&context);
 }

@@ -189,9 +189,9 @@ impl Commands {
         self.hold_buffers(&[from, to]);
     }
 
-    /// Fills a buffer with zeros.
+    /// Fills a buffer with zeros, in whole words of four bytes.
     pub fn fill_zero(&mut self, buffer: &BufferRef) {
-        let size = if buffer.size() % 4 == 0 { buffer.size } else { vk::WHOLE_SIZE };
+        let size = buffer.size / 4 * 4;
         // SAFETY: the range lies in the buffer, which is held until the commands are done.
         unsafe {
             let handle = buffer.allocation.buffer;
