@@ -2,12 +2,12 @@
 #![allow(unsafe_code)]
 
 use std::ptr::NonNull;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use ash::vk;
 use bytemuck::Pod;
 
-use super::context::Context;
+use super::context::{Context, lock};
 use crate::error::{Error, Result};
 
 /// Alignment of every [`HostBuffer`]'s address: a page, which OpenCL implementations ask for to use
@@ -24,6 +24,8 @@ pub(super) struct Allocation {
     pub local: bool,
     /// Address on the host, where it is mapped.
     mapped: Option<NonNull<u8>>,
+    /// Held while the host copies, so that its threads do not race.
+    copying: Mutex<()>,
 }
 
 // SAFETY: handles may be used on any thread; the host's address is only copied from and to.
@@ -73,8 +75,15 @@ impl Allocation {
         let local = context.0.memory.memory_types[kind as usize]
             .property_flags
             .contains(vk::MemoryPropertyFlags::DEVICE_LOCAL);
-        let mut allocation =
-            Allocation { context: context.clone(), buffer, memory, size, local, mapped: None };
+        let mut allocation = Allocation {
+            context: context.clone(),
+            buffer,
+            memory,
+            size,
+            local,
+            mapped: None,
+            copying: Mutex::new(()),
+        };
         let offset = if host { allocation.map(needs.alignment)? } else { 0 };
         // SAFETY: offset and size lie within the memory, aligned as the buffer requires.
         unsafe { device.bind_buffer_memory(buffer, memory, offset) }
@@ -174,6 +183,7 @@ impl HostBuffer {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         let fits = offset.checked_add(bytes.len()).is_some_and(|end| end <= self.len());
         assert!(fits, "{} bytes at {offset} do not fit a buffer of {}", bytes.len(), self.len());
+        let _copying = lock(&self.0.copying);
         // SAFETY: the range lies in the mapping, which no reference points into.
         unsafe { self.as_ptr().add(offset).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
     }
@@ -188,6 +198,7 @@ impl HostBuffer {
         assert!(end.is_some_and(|end| end <= self.len()), "a read of {count} values at {offset} is too long");
         let mut values = vec![T::zeroed(); count];
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut values);
+        let _copying = lock(&self.0.copying);
         // SAFETY: the range lies in the mapping, and any bytes are valid values of T.
         unsafe { bytes.as_mut_ptr().copy_from_nonoverlapping(self.as_ptr().add(offset), bytes.len()) };
         values
