@@ -36,7 +36,7 @@ var<immediate> parameters: Parameters;
 // First entry of `sorted` of each cell, and the end.
 @group(0) @binding(1) var<storage, read> cell_start: array<u32>;
 // For each block of BLOCK x BLOCK pixels, a radius around its pixel (HALF, HALF) that holds `wanted` samples.
-@group(0) @binding(2) var<storage, read_write> radii: array<u32>;
+@group(0) @binding(2) var<storage, read_write> radii: array<f32>;
 // [neighbour][pixel of the band], or [neighbour][sample]: indices of samples, nearest first.
 @group(0) @binding(3) var<storage, read_write> indices: array<u32>;
 // [neighbour][pixel of the band]: weights, which sum to 1.
@@ -111,7 +111,7 @@ fn scan(at: vec2<u32>, radius: u32, kind: u32) {
                 insert_key(squared);
             } else if kind == NARROW {
                 // Cells reach beyond the radius, where narrow keys would overflow.
-                insert_key(select(FARTHEST, squared << INDEX_BITS | sample.y, squared <= radius * radius));
+                insert_key(select(FARTHEST, squared << INDEX_BITS | sample.y, squared < 4096u));
             } else {
                 insert_wide(squared, sample.y);
             }
@@ -119,32 +119,28 @@ fn scan(at: vec2<u32>, radius: u32, kind: u32) {
     }
 }
 
-// The smallest whole number whose square is not below a square.
-fn root_up(squared: u32) -> u32 {
-    var root = u32(sqrt(f32(squared)));
-    while root * root < squared {
-        root++;
-    }
-    return root;
+// The largest whole distance that a sample within a radius can have in x or y, rounding forgiven.
+fn whole_radius(radius: f32) -> u32 {
+    return u32(radius * 1.000001 + 0.0005);
 }
 
 // A radius around a pixel that holds `wanted` samples, or the whole view where there are fewer.
-fn sufficient_radius(at: vec2<u32>, start: u32) -> u32 {
-    let whole = max(parameters.width, parameters.height);
+fn sufficient_radius(at: vec2<u32>, start: u32) -> f32 {
+    let whole = parameters.width + parameters.height;
     var radius = start;
     loop {
         scan(at, radius, DISTANCES);
         let farthest = keys[CAPACITY - 1u];
         if farthest <= radius * radius {
-            return root_up(farthest);
+            return sqrt(f32(farthest));
         }
         if radius >= whole {
-            return whole;
+            return f32(whole);
         }
         // A list that is full bounds the radius; else look twice as far.
-        radius = min(whole, select(radius * 2u, root_up(farthest), farthest != FARTHEST));
+        radius = min(whole, select(radius * 2u, u32(sqrt(f32(farthest))) + 1u, farthest != FARTHEST));
     }
-    return whole;
+    return f32(whole);
 }
 
 fn is_narrow(radius: u32) -> bool {
@@ -191,8 +187,8 @@ fn weight(d: f32, reach: f32) -> f32 {
 
 @compute @workgroup_size(64)
 fn nearest_to_pixels(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    // A group is 8x8 pixels, a row of eight beside another.
-    let in_band = group.xy * 8u + vec2(local & 7u, local >> 3u);
+    // A group is 8x8 pixels; a processor's eight lanes are 4x2 of them, which share most samples.
+    let in_band = group.xy * 8u + vec2(local & 3u | local >> 1u & 4u, local >> 2u & 1u | local >> 3u & 6u);
     if in_band.x >= parameters.width || in_band.y >= parameters.rows {
         return;
     }
@@ -201,7 +197,7 @@ fn nearest_to_pixels(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_inv
     let block = at / BLOCK;
     let centre = min(block * BLOCK + HALF, vec2(parameters.width, parameters.height) - 1u);
     let off = distance_squared(at, centre.x | centre.y << 16u);
-    search(at, radii[block.y * across + block.x] + root_up(off));
+    search(at, whole_radius(radii[block.y * across + block.x] + sqrt(f32(off))));
 
     // The last place holds the nearest sample outside the list of those written.
     let skipped = CAPACITY - parameters.wanted;
@@ -234,7 +230,7 @@ fn nearest_to_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let sample = sorted[id.x];
     let at = vec2(sample.x & 0xffffu, sample.x >> 16u);
-    search(at, sufficient_radius(at, parameters.first_radius));
+    search(at, whole_radius(sufficient_radius(at, parameters.first_radius)));
     let skipped = CAPACITY - parameters.wanted;
     for (var j = 0u; j < CAPACITY; j++) {
         if j >= skipped {

@@ -22,6 +22,9 @@ struct Parameters {
     normal_power: f32,
     plane_tolerance: f32,
     pixel_width: f32,
+    // Samples, and how many of them are known to be nearest to each; 1 where that is not known.
+    count: u32,
+    sample_neighbours: u32,
 }
 var<immediate> parameters: Parameters;
 
@@ -34,6 +37,8 @@ var<immediate> parameters: Parameters;
 @group(0) @binding(3) var<storage, read> positions: array<u32>;
 // One VisibilityRecord for each pixel of the band.
 @group(0) @binding(4) var<storage, read> visibility: array<vec4<u32>>;
+// [neighbour][sample]: indices, nearest first.
+@group(0) @binding(5) var<storage, read> nearest: array<u32>;
 
 @vertex
 fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
@@ -60,11 +65,58 @@ fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     return encode(select(vec3(0.0), radiance / sum, sum > 0.0));
 }
 
-// Without a sample on the pixel's own surface, its normal decides, and then distance alone: their
-// shares are so small that they matter only then.
-const SHARE_OF_NORMAL = 1e-4;
+// What a pixel gathers.
+struct Light {
+    first: vec3<f32>,
+    second: vec3<f32>,
+    sum: f32,
+    // The part of the sum that samples of the pixel's own surface have.
+    own: f32,
+}
+
+// A pixel's surface.
+struct Surface {
+    at: vec2<f32>,
+    normal: vec3<f32>,
+    point: vec3<f32>,
+    pixel_width: f32,
+}
+
+// Without a sample on the pixel's own surface, alike normals decide, and then distance alone: their
+// shares are so small that they matter only then. Holes, which have borrowed their light, come last.
+const SHARE_OF_NORMAL = 1e-3;
 const SHARE_OF_DISTANCE = 1e-7;
 const SHARE_OF_HOLES = 1e-10;
+// With less weight than this on its own surface, a pixel looks at more samples.
+const ENOUGH = 0.05;
+
+// Adds a sample; `by_distance` is its weight by distance.
+fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f32, relaxed: f32) {
+    let sample = prepared[2u * index];
+    let sample_second = prepared[2u * index + 1u];
+    let packed = positions[index];
+    let depth = bitcast<f32>(sample.w);
+    let point = point_at(parameters.rays, f32(packed & 0xffffu), f32(packed >> 16u), depth);
+    let by_normal = normal_exponent(surface.normal, unpack_axes(sample_second.w), parameters.normal_power);
+    let by_plane = plane_exponent(
+        surface.normal,
+        point - surface.point,
+        parameters.plane_tolerance,
+        surface.pixel_width,
+    );
+    let valid = depth > 0.0;
+    let own = select(0.0, exp2(by_normal + by_plane), valid);
+    let other = select(
+        select(SHARE_OF_HOLES, 0.0, depth == 0.0),
+        SHARE_OF_DISTANCE + relaxed * exp2(by_normal),
+        valid,
+    );
+    let weight = by_distance * (own + other);
+    (*light).first += weight * bitcast<vec3<f32>>(sample.xyz);
+    (*light).second += weight * bitcast<vec3<f32>>(sample_second.xyz);
+    (*light).sum += weight;
+    (*light).own += by_distance * own;
+}
 
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
@@ -77,29 +129,24 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     if !(depth > 0.0) {
         return encode(emission);
     }
-    let normal = unpack_normal(record.x);
-    let point = point_at(parameters.rays, f32(at.x), f32(at.y), depth);
-    let pixel_width = parameters.pixel_width * depth;
-    var first = vec3(0.0);
-    var second = vec3(0.0);
-    var sum = 0.0;
+    let place = vec2<f32>(at);
+    let point = point_at(parameters.rays, place.x, place.y, depth);
+    let surface = Surface(place, unpack_normal(record.x), point, parameters.pixel_width * depth);
+    var light = Light(vec3(0.0), vec3(0.0), 0.0, 0.0);
     for (var slot = pixel; slot < parameters.neighbours * pixels; slot += pixels) {
-        let index = indices[slot] - parameters.first_sample;
-        let sample = prepared[2u * index];
-        let sample_second = prepared[2u * index + 1u];
-        let sample_at = positions[index];
-        let sample_depth = bitcast<f32>(sample.w);
-        let offset = point_at(parameters.rays, f32(sample_at & 0xffffu), f32(sample_at >> 16u), sample_depth)
-            - point;
-        let by_normal = normal_weight(normal, unpack_normal(sample_second.w), parameters.normal_power);
-        let by_plane = plane_weight(normal, offset, parameters.plane_tolerance, pixel_width);
-        let guide = by_normal * (by_plane + SHARE_OF_NORMAL) + SHARE_OF_DISTANCE;
-        let usable = select(select(SHARE_OF_HOLES, 0.0, sample_depth == 0.0), guide, sample_depth > 0.0);
-        let weight = weights[slot] * usable;
-        first += weight * bitcast<vec3<f32>>(sample.xyz);
-        second += weight * bitcast<vec3<f32>>(sample_second.xyz);
-        sum += weight;
+        add(&light, surface, indices[slot] - parameters.first_sample, weights[slot], 0.0);
     }
-    let scale = select(0.0, 1.0 / sum, sum > 0.0);
-    return encode(unpack_albedo(record.z) * first * scale + second * scale + emission);
+    // A pixel at an edge, or on a thing too thin for samples: the nearest sample's own neighbours.
+    if light.own < ENOUGH && parameters.sample_neighbours > 1u {
+        let own = light.own;
+        let needed = 1.0 - own / ENOUGH;
+        for (var j = 0u; j < parameters.sample_neighbours; j++) {
+            let index = nearest[j * parameters.count + indices[pixel]];
+            let packed = positions[index];
+            let off = vec2(f32(packed & 0xffffu), f32(packed >> 16u)) - place;
+            add(&light, surface, index, needed / (1.0 + dot(off, off)), SHARE_OF_NORMAL);
+        }
+    }
+    let scale = select(0.0, 1.0 / light.sum, light.sum > 0.0);
+    return encode(unpack_albedo(record.z) * light.first * scale + light.second * scale + emission);
 }

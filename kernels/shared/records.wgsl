@@ -17,6 +17,16 @@ fn unpack_normal(packed: u32) -> vec3<f32> {
     return normalize(vec3(x + select(fold, -fold, x >= 0.0), y + select(fold, -fold, y >= 0.0), z));
 }
 
+// A vector within the unit sphere as three signed numbers of ten bits.
+fn pack_axes(v: vec3<f32>) -> u32 {
+    let codes = vec3<u32>(vec3<i32>(round(v * 511.0))) & vec3(1023u);
+    return codes.x | codes.y << 10u | codes.z << 20u;
+}
+
+fn unpack_axes(packed: u32) -> vec3<f32> {
+    return vec3<f32>(vec3(i32(packed << 22u), i32(packed << 12u), i32(packed << 2u)) >> vec3(22u)) / 511.0;
+}
+
 // Three 8-bit unorms of the albedo's square root.
 fn unpack_albedo(packed: u32) -> vec3<f32> {
     let root = vec3<f32>(vec3(packed, packed >> 8u, packed >> 16u) & vec3(255u)) / 255.0;
@@ -43,14 +53,18 @@ fn point_at(rays: Rays, x: f32, y: f32, depth: f32) -> vec3<f32> {
     return depth * (rays.corner.xyz + rays.across.xyz * x + rays.down.xyz * y);
 }
 
-// How well two surface points agree to lie on one surface, in 0..1: how alike their normals are, and
-// how far the second is from the plane through the first, seen from it (`tolerance` is the sine at
-// which the weight has fallen to 1/e; one pixel's width is always forgiven).
-fn normal_weight(normal: vec3<f32>, other: vec3<f32>, power: f32) -> f32 {
-    return pow(max(dot(normal, other), 1e-6), power);
+// How well two surface points agree to lie on one surface, as exponents of 2: 0 is fully, less is worse.
+//
+// How alike their normals are: exp(power (cos - 1)), a von Mises-Fisher lobe, close to cos^power.
+fn normal_exponent(normal: vec3<f32>, other: vec3<f32>, power: f32) -> f32 {
+    return 1.442695 * power * (dot(normal, other) - 1.0);
 }
 
-fn plane_weight(normal: vec3<f32>, offset: vec3<f32>, tolerance: f32, pixel_width: f32) -> f32 {
-    let relative = dot(normal, offset) / (tolerance * length(offset) + pixel_width);
-    return exp2(-1.442695 * relative * relative);
+// How near the second is to the plane through the first: exp(-distance^2 / (tolerance^2 offset^2 +
+// pixel_width^2)). `tolerance` is the sine of the angle at which the weight has fallen to 1/e; a
+// pixel's width is always forgiven.
+fn plane_exponent(normal: vec3<f32>, offset: vec3<f32>, tolerance: f32, pixel_width: f32) -> f32 {
+    let distance = dot(normal, offset);
+    let forgiven = tolerance * tolerance * dot(offset, offset) + pixel_width * pixel_width;
+    return -1.442695 * distance * distance / forgiven;
 }

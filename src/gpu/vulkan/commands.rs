@@ -104,8 +104,7 @@ impl Commands {
                 .command_buffer_count(1);
             commands.buffer = device.allocate_command_buffers(&info).map_err(refused)?[0];
             commands.descriptors = device.create_descriptor_pool(&descriptors, None).map_err(refused)?;
-            commands.fence =
-                device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(refused)?;
+            commands.fence = device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(refused)?;
             if context.0.timestamps {
                 commands.queries = device.create_query_pool(&queries, None).map_err(refused)?;
             }
@@ -122,8 +121,7 @@ impl Commands {
         self.stages.clear();
         let device = &self.context.0.device;
         let refused = |code| self.context.refused("recording commands", code);
-        let info =
-            vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: nothing of the pools is in use any more.
         unsafe {
             device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()).map_err(refused)?;
@@ -177,10 +175,8 @@ impl Commands {
     /// If they do not fit.
     pub fn copy(&mut self, from: &BufferRef, to: &BufferRef, size: usize) {
         assert!(size <= from.size() && size <= to.size(), "{size} bytes do not fit both buffers");
-        let region = [vk::BufferCopy::default()
-            .src_offset(from.offset)
-            .dst_offset(to.offset)
-            .size(size as u64)];
+        let region =
+            [vk::BufferCopy::default().src_offset(from.offset).dst_offset(to.offset).size(size as u64)];
         // SAFETY: the region lies in both buffers, which are held until the copy is done.
         unsafe {
             self.context.0.device.cmd_copy_buffer(
@@ -193,9 +189,9 @@ impl Commands {
         self.hold_buffers(&[from, to]);
     }
 
-    /// Fills a buffer with zeros.
+    /// Fills a buffer with zeros, in whole words of four bytes.
     pub fn fill_zero(&mut self, buffer: &BufferRef) {
-        let size = if buffer.size() % 4 == 0 { buffer.size } else { vk::WHOLE_SIZE };
+        let size = buffer.size / 4 * 4;
         // SAFETY: the range lies in the buffer, which is held until the commands are done.
         unsafe {
             let handle = buffer.allocation.buffer;
@@ -280,9 +276,8 @@ impl Commands {
         assert_eq!(push.len(), layout.push as usize, "push constants of the shader");
         let device = &self.context.0.device;
         let layouts = [layout.set];
-        let info = vk::DescriptorSetAllocateInfo::default()
-            .descriptor_pool(self.descriptors)
-            .set_layouts(&layouts);
+        let info =
+            vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
         // SAFETY: the layout belongs to the pipeline, which is held until the commands are done.
         let set = unsafe { device.allocate_descriptor_sets(&info) }
             .map_err(|code| self.context.refused("binding buffers", code))?[0];

@@ -160,8 +160,7 @@ impl Context {
         });
         match opened {
             Ok((messenger, (physical_device, device, queue_family))) => {
-                let raw =
-                    RawContext { entry, instance, physical_device, device, queue_family, owned: true };
+                let raw = RawContext { entry, instance, physical_device, device, queue_family, owned: true };
                 Ok(Self::assemble(raw, messenger))
             }
             Err(error) => {
@@ -304,8 +303,7 @@ impl Messenger {
         let messages = Arc::new(Mutex::new(Vec::new()));
         let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(
-                vk::DebugUtilsMessageSeverityFlagsEXT::WARNING
-                    | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
+                vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
             )
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
             .pfn_user_callback(Some(keep_message))
@@ -501,4 +499,48 @@ fn open(
         problem: format!("it cannot be opened ({code}); close programs that use it, or choose another"),
     })?;
     Ok((physical, device, family))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing;
+    use super::*;
+
+    #[test]
+    fn the_validation_layer_is_heard() {
+        let Some(context) = testing::context() else { return };
+        testing::assert_valid(&context);
+        let fault = vk::BufferCreateInfo::default().size(0).usage(vk::BufferUsageFlags::STORAGE_BUFFER);
+        // SAFETY: the layer refuses the size; the driver is asked to make nothing of any size.
+        unsafe {
+            if let Ok(buffer) = context.device().create_buffer(&fault, None) {
+                context.device().destroy_buffer(buffer, None);
+            }
+        }
+        let messages = context.validation_messages();
+        assert!(messages.iter().any(|message| message.contains("size")), "{messages:?}");
+        assert!(std::panic::catch_unwind(|| testing::assert_valid(&context)).is_err());
+    }
+
+    #[test]
+    fn devices_are_chosen_by_kind_and_name() {
+        let Some(context) = testing::context() else { return };
+        let list = devices().unwrap();
+        let best = list.iter().filter(|device| device.unusable.is_none()).map(|device| device.kind).min();
+        assert_eq!(Some(context.report().kind), best);
+        let part = context.report().name[..4].to_uppercase();
+        let named = Context::new(&ContextOptions { device: Some(part), ..ContextOptions::default() });
+        assert!(named.is_ok());
+        let none = ContextOptions { device: Some("no such device".into()), ..ContextOptions::default() };
+        let error = Context::new(&none).unwrap_err();
+        assert!(matches!(error, Error::NoDevice { .. }), "{error}");
+        assert!(error.to_string().contains(&context.report().name), "{error}");
+        let lacking = ContextOptions {
+            device_extensions: vec![c"VK_FOVEATE_nothing".to_owned()],
+            ..ContextOptions::default()
+        };
+        let error = Context::new(&lacking).unwrap_err();
+        assert!(error.to_string().contains("it lacks VK_FOVEATE_nothing"), "{error}");
+        testing::assert_valid(&context);
+    }
 }

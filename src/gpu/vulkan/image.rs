@@ -250,8 +250,20 @@ fn create_image(
                 | vk::ImageUsageFlags::TRANSFER_SRC
                 | vk::ImageUsageFlags::TRANSFER_DST,
         );
-    // SAFETY: the format can be drawn into on every device that the caller's list names, the size was
-    // checked, and what is made is destroyed again if a later step fails.
+    // SAFETY: only the physical device is asked.
+    let offered = unsafe {
+        context.0.instance.get_physical_device_image_format_properties(
+            context.0.physical_device,
+            format,
+            info.image_type,
+            info.tiling,
+            info.usage,
+            info.flags,
+        )
+    };
+    let _ = offered.map_err(|code| context.refused(&format!("drawing into format {format:?}"), code))?;
+    // SAFETY: the device draws into the format, the size was checked, and what is made is destroyed
+    // again if a later step fails.
     unsafe {
         let image = device
             .create_image(&info, None)
@@ -265,5 +277,37 @@ fn create_image(
             })
         });
         bound.map(|memory| (image, memory)).inspect_err(|_| device.destroy_image(image, None))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing;
+    use super::*;
+
+    #[test]
+    fn a_new_picture_is_black_in_every_format() {
+        let Some(context) = testing::context() else { return };
+        let formats = [
+            (vk::Format::R32G32B32A32_SFLOAT, 16),
+            (vk::Format::R16G16B16A16_SFLOAT, 8),
+            (vk::Format::R8G8B8A8_UNORM, 4),
+            (vk::Format::B8G8R8A8_SRGB, 4),
+        ];
+        for (format, bytes) in formats {
+            let image = Image::new(&context, format, 7, 3).unwrap();
+            assert_eq!(image.read().unwrap(), vec![0; 21 * bytes], "{format:?}");
+        }
+        testing::assert_valid(&context);
+    }
+
+    #[test]
+    fn pictures_that_cannot_be_drawn_are_refused() {
+        let Some(context) = testing::context() else { return };
+        let new = |format, width, height| Image::new(&context, format, width, height).err();
+        assert!(matches!(new(vk::Format::R8G8B8A8_UNORM, 0, 4), Some(Error::Setting { .. })));
+        assert!(matches!(new(vk::Format::R8G8B8A8_UNORM, 4, u32::MAX), Some(Error::Setting { .. })));
+        assert!(matches!(new(vk::Format::D32_SFLOAT, 4, 4), Some(Error::Device { .. })));
+        testing::assert_valid(&context);
     }
 }

@@ -2,12 +2,12 @@
 #![allow(unsafe_code)]
 
 use std::ptr::NonNull;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use ash::vk;
 use bytemuck::Pod;
 
-use super::context::Context;
+use super::context::{Context, lock};
 use crate::error::{Error, Result};
 
 /// Alignment of every [`HostBuffer`]'s address: a page, which OpenCL implementations ask for to use
@@ -24,6 +24,8 @@ pub(super) struct Allocation {
     pub local: bool,
     /// Address on the host, where it is mapped.
     mapped: Option<NonNull<u8>>,
+    /// Held while the host copies, so that its threads do not race.
+    copying: Mutex<()>,
 }
 
 // SAFETY: handles may be used on any thread; the host's address is only copied from and to.
@@ -73,7 +75,15 @@ impl Allocation {
         let local = context.0.memory.memory_types[kind as usize]
             .property_flags
             .contains(vk::MemoryPropertyFlags::DEVICE_LOCAL);
-        let mut allocation = Allocation { context: context.clone(), buffer, memory, size, local, mapped: None };
+        let mut allocation = Allocation {
+            context: context.clone(),
+            buffer,
+            memory,
+            size,
+            local,
+            mapped: None,
+            copying: Mutex::new(()),
+        };
         let offset = if host { allocation.map(needs.alignment)? } else { 0 };
         // SAFETY: offset and size lie within the memory, aligned as the buffer requires.
         unsafe { device.bind_buffer_memory(buffer, memory, offset) }
@@ -85,14 +95,13 @@ impl Allocation {
     fn map(&mut self, alignment: u64) -> Result<u64> {
         let device = &self.context.0.device;
         // SAFETY: the memory is visible to the host and not mapped yet.
-        let start = unsafe {
-            device.map_memory(self.memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())
-        }
-        .map_err(|code| self.context.refused("mapping memory", code))?
-        .cast::<u8>();
+        let start = unsafe { device.map_memory(self.memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) }
+            .map_err(|code| self.context.refused("mapping memory", code))?
+            .cast::<u8>();
         let offset = start.align_offset(HOST_ALIGNMENT);
         let problem = "its mapped memory is not aligned as it promises; update the driver";
-        let refused = || Error::Device { device: self.context.report().name.clone(), problem: problem.into() };
+        let refused =
+            || Error::Device { device: self.context.report().name.clone(), problem: problem.into() };
         if offset >= HOST_ALIGNMENT || !(offset as u64).is_multiple_of(alignment) {
             return Err(refused());
         }
@@ -174,6 +183,7 @@ impl HostBuffer {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         let fits = offset.checked_add(bytes.len()).is_some_and(|end| end <= self.len());
         assert!(fits, "{} bytes at {offset} do not fit a buffer of {}", bytes.len(), self.len());
+        let _copying = lock(&self.0.copying);
         // SAFETY: the range lies in the mapping, which no reference points into.
         unsafe { self.as_ptr().add(offset).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
     }
@@ -188,6 +198,7 @@ impl HostBuffer {
         assert!(end.is_some_and(|end| end <= self.len()), "a read of {count} values at {offset} is too long");
         let mut values = vec![T::zeroed(); count];
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut values);
+        let _copying = lock(&self.0.copying);
         // SAFETY: the range lies in the mapping, and any bytes are valid values of T.
         unsafe { bytes.as_mut_ptr().copy_from_nonoverlapping(self.as_ptr().add(offset), bytes.len()) };
         values
@@ -258,5 +269,44 @@ impl From<&HostBuffer> for BufferRef {
 impl From<&DeviceBuffer> for BufferRef {
     fn from(buffer: &DeviceBuffer) -> Self {
         BufferRef { allocation: buffer.0.clone(), offset: 0, size: buffer.0.size }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Commands, testing};
+    use super::*;
+
+    #[test]
+    fn bytes_go_to_the_device_and_back() {
+        let Some(context) = testing::context() else { return };
+        let values: Vec<u32> = (0..5000u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
+        let (from, to) =
+            (HostBuffer::new(&context, 20_000).unwrap(), HostBuffer::new(&context, 20_000).unwrap());
+        assert_eq!(from.as_ptr() as usize % HOST_ALIGNMENT, 0);
+        assert_eq!(from.read::<u32>(0, 5000), vec![0; 5000]);
+        from.write(0, &values);
+        let own = DeviceBuffer::new(&context, 20_000).unwrap();
+        let mut commands = Commands::new(&context).unwrap();
+        commands.begin().unwrap();
+        commands.copy(&(&from).into(), &(&own).into(), 20_000);
+        commands.barrier();
+        commands.copy(&BufferRef::from(&own).part(4000, 16_000), &(&to).into(), 16_000);
+        commands.end_stage("copies");
+        commands.submit().unwrap();
+        // What is in use stays, whoever else lets go of it.
+        drop((from, own));
+        assert_eq!(commands.wait().unwrap()[0].stage, "copies");
+        assert_eq!(to.read::<u32>(0, 4000), values[1000..]);
+        testing::assert_valid(&context);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let Some(context) = testing::context() else { return };
+        let buffer = HostBuffer::new(&context, 64).unwrap();
+        assert!(std::panic::catch_unwind(|| buffer.write(61, &[0u32])).is_err());
+        assert!(std::panic::catch_unwind(|| buffer.read::<u32>(usize::MAX, 1)).is_err());
+        assert!(matches!(DeviceBuffer::new(&context, 1 << 46), Err(Error::Device { .. })));
     }
 }

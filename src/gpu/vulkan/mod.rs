@@ -17,3 +17,28 @@ pub use context::{Context, ContextOptions, DeviceKind, DeviceReport, RawContext,
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
 pub use pipeline::{ComputePipeline, PassPipeline, Shader};
+
+#[cfg(test)]
+pub(crate) mod testing {
+    //! A device under the validation layer, for tests.
+
+    use super::{Context, ContextOptions};
+
+    /// A device with the validation layer; `None`, and a line that says so, where there is none. On
+    /// machines that promise one (CI=true) that is a failure.
+    pub fn context() -> Option<Context> {
+        match Context::new(&ContextOptions { validation: true, ..ContextOptions::default() }) {
+            Ok(context) => Some(context),
+            Err(error) => {
+                assert!(std::env::var("CI").as_deref() != Ok("true"), "{error}");
+                println!("not run: no Vulkan device ({error})");
+                None
+            }
+        }
+    }
+
+    /// Fails if the validation layer has found a fault.
+    pub fn assert_valid(context: &Context) {
+        assert_eq!(context.validation_messages(), Vec::<String>::new());
+    }
+}

@@ -61,8 +61,7 @@ impl Layout {
                 push: shader.push,
             };
             let sets = [set];
-            let info =
-                vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(&push);
+            let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(&push);
             layout.pipeline = device
                 .create_pipeline_layout(&info, None)
                 .map_err(|code| context.refused("a pipeline layout", code))?;
@@ -156,8 +155,7 @@ impl ComputePipeline {
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module.handle)
             .name(&name);
-        let info =
-            [vk::ComputePipelineCreateInfo::default().stage(stage).layout(pipeline.layout.pipeline)];
+        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(pipeline.layout.pipeline)];
         // SAFETY: module, layout and name are valid and fit each other.
         let made =
             unsafe { context.0.device.create_compute_pipelines(vk::PipelineCache::null(), &info, None) };
@@ -209,8 +207,9 @@ impl PassPipeline {
         let raster = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
         let samples = vk::PipelineMultisampleStateCreateInfo::default()
             .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        let attachments = [vk::PipelineColorBlendAttachmentState::default()
-            .color_write_mask(vk::ColorComponentFlags::RGBA)];
+        let attachments =
+            [vk::PipelineColorBlendAttachmentState::default()
+                .color_write_mask(vk::ColorComponentFlags::RGBA)];
         let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments);
         let states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&states);

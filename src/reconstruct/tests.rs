@@ -1,0 +1,415 @@
+//! Pictures of small patterns whose right answer is known.
+
+use super::*;
+use crate::gpu::vulkan::{Image, testing};
+use crate::layout::{pack_emission, pack_normal};
+use crate::math::pose::Pose;
+use crate::math::view::FieldOfView;
+
+const TOWARD: [f32; 3] = [0.0, 0.0, 1.0];
+
+fn view(width: u32, height: u32) -> View {
+    let fov = FieldOfView { left: -1.1, right: 0.9, up: 1.0, down: -0.8 };
+    let rotation = glam::DQuat::from_euler(glam::EulerRot::YXZ, 0.4, -0.2, 0.1);
+    View { world_from_eye: Pose::new(rotation, glam::DVec3::new(1.0, 2.0, 3.0)), fov, width, height }
+}
+
+/// A normal of the view's own frame, as records hold it.
+fn normal(view: &View, of_eye: [f32; 3]) -> u32 {
+    let world = view.world_from_eye.rotation * glam::DVec3::from(of_eye.map(f64::from));
+    pack_normal([world.x as f32, world.y as f32, world.z as f32])
+}
+
+fn scattered(count: u32, width: u32, height: u32) -> Vec<u32> {
+    let hash = |i: u32| (i.wrapping_mul(0x9e37_79b9) ^ 0x5bd1_e995).wrapping_mul(0x85eb_ca6b) >> 9;
+    let mut samples: Vec<u32> =
+        (0..count).map(|i| (hash(2 * i) % width) | ((hash(2 * i + 1) % height) << 16)).collect();
+    samples.sort_unstable();
+    samples.dedup();
+    samples
+}
+
+struct Bench {
+    reconstruction: Reconstruction,
+    view: View,
+    samples: Vec<u32>,
+}
+
+impl Bench {
+    fn new(context: &Context, mode: Mode, (width, height): (u32, u32), samples: Vec<u32>) -> Self {
+        let settings = Settings { mode, ..Settings::default() };
+        let mut reconstruction = Reconstruction::new(context, settings).unwrap();
+        reconstruction.set_pattern(0, width, height, &samples).unwrap();
+        Bench { reconstruction, view: view(width, height), samples }
+    }
+
+    /// The picture as radiance, from functions of the pixel.
+    fn render(
+        &mut self,
+        record: impl Fn(u32, u32) -> SampleRecord,
+        visible: impl Fn(u32, u32) -> VisibilityRecord,
+    ) -> Vec<[f32; 4]> {
+        let context = self.reconstruction.context.clone();
+        let View { width, height, .. } = self.view;
+        let image = Image::new(&context, Format::R32G32B32A32_SFLOAT, width, height).unwrap();
+        self.render_to(&[Output::whole(image.target(), 5.0)], record, visible);
+        bytemuck::pod_collect_to_vec(&image.read().unwrap())
+    }
+
+    fn render_to(
+        &mut self,
+        outputs: &[Output<'_>],
+        record: impl Fn(u32, u32) -> SampleRecord,
+        visible: impl Fn(u32, u32) -> VisibilityRecord,
+    ) {
+        let context = self.reconstruction.context.clone();
+        let View { width, height, .. } = self.view;
+        let records: Vec<_> = self.samples.iter().map(|s| record(s & 0xffff, s >> 16)).collect();
+        let pixels: Vec<_> = (0..width * height).map(|p| visible(p % width, p / width)).collect();
+        let samples = HostBuffer::new(&context, size_of_val(&records[..])).unwrap();
+        samples.write(0, &records);
+        let visibility = HostBuffer::new(&context, size_of_val(&pixels[..])).unwrap();
+        visibility.write(0, &pixels);
+        let frame = Frame {
+            view: &self.view,
+            samples: (&samples).into(),
+            visibility: Some((&visibility).into()),
+            outputs,
+        };
+        self.reconstruction.submit(0, &frame).unwrap();
+        let stages: Vec<_> = self.reconstruction.wait(0).unwrap().iter().map(|time| time.stage).collect();
+        assert!(stages.starts_with(&["filter"]), "{stages:?}");
+    }
+}
+
+fn assert_close(found: [f32; 4], expected: [f32; 3], tolerance: f32, place: impl std::fmt::Debug) {
+    for channel in 0..3 {
+        let error = (found[channel] - expected[channel]).abs();
+        let limit = tolerance * expected[channel].abs().max(1e-3);
+        assert!(error <= limit, "{place:?}: {found:?} is not {expected:?}");
+    }
+}
+
+fn radiance(first: [f32; 3]) -> SampleRecord {
+    SampleRecord { first, ..SampleRecord::default() }
+}
+
+fn nothing(_: u32, _: u32) -> VisibilityRecord {
+    VisibilityRecord::default()
+}
+
+/// Three unorms of the root, as [`VisibilityRecord::albedo`].
+fn albedo(codes: [u32; 3]) -> (u32, [f32; 3]) {
+    (codes[0] | codes[1] << 8 | codes[2] << 16, codes.map(|code| (code as f32 / 255.0).powi(2)))
+}
+
+#[test]
+fn a_constant_stays_constant() {
+    let Some(context) = testing::context() else { return };
+    for (size, count) in [((67, 45), 150), ((16, 16), 7), ((1, 1), 1), ((40, 3), 1)] {
+        let samples = scattered(count, size.0, size.1);
+        let mut bench = Bench::new(&context, Mode::KNearest, size, samples.clone());
+        for pixel in bench.render(|_, _| radiance([0.25, 3.0, 700.0]), nothing) {
+            assert_close(pixel, [0.25, 3.0, 700.0], 1e-5, size);
+        }
+        let mut bench = Bench::new(&context, Mode::default(), size, samples);
+        let facing = normal(&bench.view, TOWARD);
+        let colour = |x: u32| albedo([255, 40 + 20 * (x % 7), 128 * (x % 2)]);
+        let picture = bench.render(
+            |_, _| SampleRecord { first: [2.0, 3.0, 4.0], depth: 5.0, second: [0.5; 3], normal: facing },
+            |x, _| VisibilityRecord { normal: facing, depth: 5.0, albedo: colour(x).0, emission: 0 },
+        );
+        for (index, pixel) in picture.iter().enumerate() {
+            let a = colour(index as u32 % size.0).1;
+            assert_close(*pixel, [2.0 * a[0] + 0.5, 3.0 * a[1] + 0.5, 4.0 * a[2] + 0.5], 1e-5, index);
+        }
+    }
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn nearest_samples_are_averaged_by_their_weights() {
+    let Some(context) = testing::context() else { return };
+    // Two samples: all of each at its own pixel, half of each in the middle.
+    let mut bench = Bench::new(&context, Mode::KNearest, (9, 1), vec![0, 8]);
+    let picture = bench.render(|x, _| radiance([x as f32; 3]), nothing);
+    assert_close(picture[0], [0.0; 3], 1e-6, 0);
+    assert_close(picture[4], [4.0; 3], 1e-6, 4);
+    assert_close(picture[8], [8.0; 3], 1e-6, 8);
+    // At pixel 2: d = 2 and 6, R = 12; weights (10/24)^2 and (6/72)^2.
+    let (near, far) = ((10.0f32 / 24.0).powi(2), (6.0f32 / 72.0).powi(2));
+    assert_close(picture[2], [8.0 * far / (near + far); 3], 1e-5, 2);
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn light_does_not_leak_over_edges() {
+    let Some(context) = testing::context() else { return };
+    let size = (64, 40);
+    let mut bench = Bench::new(&context, Mode::default(), size, scattered(300, size.0, size.1));
+    let (facing, upward) = (normal(&bench.view, TOWARD), normal(&bench.view, [0.0, 1.0, 0.0]));
+    let white = albedo([255; 3]).0;
+    let light = |x: u32| if x < 32 { 1.0 } else { 100.0 };
+    // An edge in depth, then one in normals.
+    for edge in ["depth", "normal"] {
+        let depth = |x: u32| if edge == "depth" && x < 32 { 3.0 } else { 9.0 };
+        let facing = |x: u32| if edge == "normal" && x < 32 { upward } else { facing };
+        let picture = bench.render(
+            |x, _| SampleRecord {
+                first: [light(x); 3],
+                depth: depth(x),
+                second: [0.0; 3],
+                normal: facing(x),
+            },
+            |x, _| VisibilityRecord { normal: facing(x), depth: depth(x), albedo: white, emission: 0 },
+        );
+        // Pixels with a sample of their own surface among the nearest; others borrow, by design.
+        let good = |&(index, pixel): &(usize, &[f32; 4])| {
+            let expected = light(index as u32 % size.0);
+            (pixel[0] - expected).abs() < 0.02 * expected
+        };
+        let kept = picture.iter().enumerate().filter(good).count();
+        assert!(kept as f64 > 0.985 * picture.len() as f64, "{edge}: {kept} of {}", picture.len());
+    }
+    // Without the edge in the records the light must leak: the count above can fail.
+    let picture = bench.render(
+        |x, _| SampleRecord { first: [light(x); 3], depth: 9.0, second: [0.0; 3], normal: facing },
+        |_, _| VisibilityRecord { normal: facing, depth: 9.0, albedo: white, emission: 0 },
+    );
+    let between = picture.iter().filter(|pixel| (3.0..97.0).contains(&pixel[0])).count();
+    assert!(between > 100, "{between}");
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn a_slanted_floor_is_one_surface() {
+    let Some(context) = testing::context() else { return };
+    let size = (48, 48);
+    let mut bench = Bench::new(&context, Mode::default(), size, scattered(200, size.0, size.1));
+    let up = [0.0, 1.0, 0.0];
+    let floor = normal(&bench.view, up);
+    let eye = bench.view;
+    // Depth of a floor 1.5 m below the eye.
+    let depth = move |x: u32, y: u32| {
+        let toward = eye.eye_direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+        if toward.y < -0.02 { (-1.5 / toward.y) as f32 } else { 0.0 }
+    };
+    let checker = |x: u32, y: u32| ((x + y) % 2) as f32;
+    let white = albedo([255; 3]).0;
+    let picture = bench.render(
+        |x, y| SampleRecord {
+            first: [checker(x, y); 3],
+            depth: depth(x, y),
+            second: [0.0; 3],
+            normal: floor,
+        },
+        |x, y| VisibilityRecord { normal: floor, depth: depth(x, y), albedo: white, emission: 0 },
+    );
+    // The filter averages a checkerboard's light over the whole floor, up to chance.
+    let floor: Vec<f32> =
+        (0..48 * 48).filter(|&p| depth(p % 48, p / 48) > 0.0).map(|p| picture[p as usize][0]).collect();
+    let mean = floor.iter().sum::<f32>() / floor.len() as f32;
+    let deviation = (floor.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / floor.len() as f32).sqrt();
+    assert!((0.35..0.65).contains(&mean) && deviation < 0.2, "mean {mean}, deviation {deviation}");
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn what_is_not_finite_does_not_spread() {
+    let Some(context) = testing::context() else { return };
+    let size = (40, 30);
+    let samples = scattered(120, size.0, size.1);
+    let bad = |x: u32, y: u32| (x * 7 + y * 3).is_multiple_of(5);
+    let count = samples.iter().filter(|&&s| bad(s & 0xffff, s >> 16)).count() as u32;
+    assert!(count > 5);
+    for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut bench = Bench::new(&context, Mode::KNearest, size, samples.clone());
+        let value = |x, y| if bad(x, y) { [1.0, wrong, 1.0] } else { [2.0; 3] };
+        let picture = bench.render(|x, y| radiance(value(x, y)), nothing);
+        assert_eq!(bench.reconstruction.dropped(0), count);
+        let off = |pixel: &&[f32; 4]| (pixel[0] - 2.0).abs() > 1e-4 && **pixel != [0.0, 0.0, 0.0, 1.0];
+        assert_eq!(picture.iter().find(off), None);
+
+        let mut bench = Bench::new(&context, Mode::default(), size, samples.clone());
+        let facing = normal(&bench.view, TOWARD);
+        let white = albedo([255; 3]).0;
+        let good = SampleRecord { first: [2.0; 3], depth: 4.0, second: [1.0; 3], normal: facing };
+        for part in 0..3 {
+            let record = |x, y| {
+                let mut record = good;
+                if bad(x, y) {
+                    match part {
+                        0 => record.first[2] = wrong,
+                        1 => record.second[0] = wrong,
+                        _ => record.depth = wrong,
+                    }
+                }
+                record
+            };
+            let seen = VisibilityRecord { normal: facing, depth: 4.0, albedo: white, emission: 0 };
+            let picture = bench.render(record, |_, _| seen);
+            assert_eq!(bench.reconstruction.dropped(0), count);
+            for (index, pixel) in picture.iter().enumerate() {
+                assert_close(*pixel, [3.0; 3], 1e-4, (index, part, wrong));
+            }
+        }
+    }
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn a_thin_thing_without_samples_takes_its_neighbours_light() {
+    let Some(context) = testing::context() else { return };
+    let size = (32, 32);
+    let samples = scattered(80, size.0, size.1);
+    let mut bench = Bench::new(&context, Mode::default(), size, samples);
+    let (facing, sideways) = (normal(&bench.view, TOWARD), normal(&bench.view, [1.0, 0.0, 0.0]));
+    let white = albedo([255; 3]).0;
+    // A wire before a wall, then before the background: no sample hits the wire.
+    for wall in [8.0, 0.0] {
+        let record = |x: u32, _: u32| SampleRecord {
+            first: if wall > 0.0 || x > 20 { [3.0; 3] } else { [f32::MAX; 3] },
+            depth: if x > 20 { 8.0 } else { wall },
+            second: [0.0; 3],
+            normal: facing,
+        };
+        let picture = bench.render(record, |x, _| match x {
+            15 => VisibilityRecord { normal: sideways, depth: 2.0, albedo: white, emission: 0 },
+            _ => VisibilityRecord {
+                normal: facing,
+                depth: wall,
+                albedo: white,
+                emission: pack_emission([0.5; 3]),
+            },
+        });
+        for y in 0..32 {
+            let wire = picture[y * 32 + 15];
+            assert!(wall == 0.0 || (wire[0] - 3.0).abs() < 1e-3, "{wire:?}");
+            assert!(wire.iter().all(|value| value.is_finite() && *value < 4.0), "{wire:?}");
+            if wall == 0.0 {
+                assert_close(picture[y * 32 + 3], [0.5; 3], 1e-2, y);
+            }
+        }
+    }
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn outputs_are_cut_from_the_view() {
+    let Some(context) = testing::context() else { return };
+    let samples: Vec<u32> = (0..20 * 8u32).map(|i| (i % 20) | (i / 20) << 16).collect();
+    let mut bench = Bench::new(&context, Mode::KNearest, (20, 8), samples);
+    let image = Image::new(&context, Format::R32G32B32A32_SFLOAT, 24, 10).unwrap();
+    let part = |x, source_x| Output {
+        target: image.target(),
+        rect: Rect { x, y: 1, width: 12, height: 6 },
+        source: [source_x, 2],
+        encoding: Encoding::Radiance,
+        exposure: 0.0,
+    };
+    bench.render_to(&[part(0, 0), part(12, 8)], |x, y| radiance([x as f32, y as f32, 1.0]), nothing);
+    let picture: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().unwrap());
+    for y in 0..10usize {
+        for x in 0..24usize {
+            let source = if x < 12 { x } else { x - 12 + 8 };
+            let inside = (1..7).contains(&y);
+            let expected = if inside { [source as f32, (y + 1) as f32, 1.0, 1.0] } else { [0.0; 4] };
+            assert_eq!(picture[y * 24 + x], expected, "({x}, {y})");
+        }
+    }
+    testing::assert_valid(&context);
+}
+
+/// Khronos PBR Neutral and sRGB in f64.
+fn display(rgb: [f64; 3], encode: bool) -> [f64; 3] {
+    let low = rgb[0].min(rgb[1]).min(rgb[2]);
+    let offset = if low < 0.08 { low - 6.25 * low * low } else { 0.04 };
+    let mut c = rgb.map(|v| v - offset);
+    let peak = c[0].max(c[1]).max(c[2]);
+    if peak >= 0.76 {
+        let new = 1.0 - 0.24 * 0.24 / (peak + 0.24 - 0.76);
+        let grey = 1.0 - 1.0 / (0.15 * (peak - new) + 1.0);
+        c = c.map(|v| v * new / peak * (1.0 - grey) + new * grey);
+    }
+    let srgb = |v: f64| if v <= 0.0031308 { v * 12.92 } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+    if encode { c.map(srgb) } else { c }
+}
+
+#[test]
+fn displays_get_tone_mapped_pixels() {
+    let Some(context) = testing::context() else { return };
+    let samples: Vec<u32> = (0..64).collect();
+    let mut bench = Bench::new(&context, Mode::KNearest, (64, 1), samples);
+    let colour = |x: u32| [1e-3 * 1.3f32.powi(x as i32), 0.02 * x as f32, 0.5];
+    for format in [Format::R8G8B8A8_UNORM, Format::R8G8B8A8_SRGB] {
+        let image = Image::new(&context, format, 64, 1).unwrap();
+        bench.render_to(&[Output::whole(image.target(), 1.0)], |x, _| radiance(colour(x)), nothing);
+        for (x, pixel) in image.read().unwrap().chunks(4).enumerate() {
+            let expected = display(colour(x as u32).map(|v| 2.0 * f64::from(v)), true);
+            for channel in 0..3 {
+                let code = expected[channel] * 255.0;
+                let found = f64::from(pixel[channel]);
+                assert!((found - code).abs() <= 0.75, "{format:?} {x}: {pixel:?} {code}");
+            }
+        }
+    }
+    let image = Image::new(&context, Format::R16G16B16A16_SFLOAT, 64, 1).unwrap();
+    let mut output = Output::whole(image.target(), 1.0);
+    assert_eq!(output.encoding, Encoding::Radiance);
+    output.encoding = Encoding::DisplayLinear;
+    bench.render_to(&[output], |x, _| radiance(colour(x)), nothing);
+    // 1.0 in half precision is 0x3c00; the brightest red is nearly white.
+    let halves: Vec<u16> = bytemuck::pod_collect_to_vec(&image.read().unwrap());
+    assert!(halves[63 * 4] > 0x3b00 && halves[63 * 4] <= 0x3c00, "{:x}", halves[63 * 4]);
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn a_new_pattern_replaces_the_old_one() {
+    let Some(context) = testing::context() else { return };
+    let mut bench = Bench::new(&context, Mode::KNearest, (20, 20), scattered(50, 20, 20));
+    bench.render(|_, _| radiance([1.0; 3]), nothing);
+    for (size, samples) in
+        [((20, 20), scattered(80, 20, 20)), ((31, 9), vec![5]), ((20, 20), (0..20).collect())]
+    {
+        bench.reconstruction.set_pattern(0, size.0, size.1, &samples).unwrap();
+        (bench.view, bench.samples) = (view(size.0, size.1), samples);
+        let picture = bench.render(|_, _| radiance([4.0; 3]), nothing);
+        assert!(picture.iter().all(|pixel| (pixel[0] - 4.0).abs() < 1e-4));
+    }
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn guided_reconstruction_asks_for_visibility() {
+    let Some(context) = testing::context() else { return };
+    let mut bench = Bench::new(&context, Mode::default(), (8, 8), vec![0]);
+    let samples = HostBuffer::new(&context, 32).unwrap();
+    let image = Image::new(&context, Format::R8G8B8A8_UNORM, 8, 8).unwrap();
+    let outputs = [Output::whole(image.target(), 0.0)];
+    let frame = Frame { view: &bench.view, samples: (&samples).into(), visibility: None, outputs: &outputs };
+    let error = bench.reconstruction.submit(0, &frame).unwrap_err();
+    assert!(error.to_string().contains("visibility"), "{error}");
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn a_wide_view_is_drawn_in_bands_without_seams() {
+    let Some(context) = testing::context() else { return };
+    let (width, height) = (8192, (context.storage_range() / (8192 * 16)).min(2048) as u32 + 24);
+    let samples = vec![0, (width - 1) | ((height - 1) << 16)];
+    let mut bench = Bench::new(&context, Mode::KNearest, (width, height), samples);
+    let image = Image::new(&context, Format::R8G8B8A8_UNORM, width, height).unwrap();
+    let mut output = Output::whole(image.target(), 0.0);
+    output.encoding = Encoding::Radiance;
+    bench.render_to(&[output], |x, _| radiance([(x > 0) as u32 as f32; 3]), nothing);
+    let picture = image.read().unwrap();
+    let red = |x: u32, y: u32| picture[((y * width + x) * 4) as usize];
+    assert_eq!((red(0, 0), red(width - 1, height - 1)), (0, 255));
+    for y in 1..height {
+        for x in (0..width).step_by(61) {
+            assert!(red(x, y).abs_diff(red(x, y - 1)) <= 1, "({x}, {y}): {} {}", red(x, y), red(x, y - 1));
+        }
+    }
+    testing::assert_valid(&context);
+}
