@@ -56,7 +56,7 @@ static float4 texture_level(const Scene *scene, const TextureInfo *info, uint le
 }
 
 // `footprint`: width of the ray's cone on the surface, in texture coordinates (square root of area).
-static float4 sample_texture(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
+__attribute__((noinline)) static float4 sample_texture(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
 {
     TextureInfo info = scene->textures[use->texture];
     float2 at = (float2)(fma(use->matrix[0], uv.x, fma(use->matrix[2], uv.y, use->offset[0])),

@@ -160,7 +160,7 @@ static uint random_of_hit(uint place, float3 d, uint seed)
 static float hit_alpha(const Scene *scene, uint place, uint packed, float3 weights);
 
 // A surface with alpha lets this ray pass: below the cutoff, or by chance where it blends.
-static bool alpha_passes(const Scene *scene, uint place, uint packed, float3 weights, float3 d, uint seed)
+__attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint place, uint packed, float3 weights, float3 d, uint seed)
 {
     float alpha = hit_alpha(scene, place, packed, weights);
     float cutoff = scene->materials[TRIANGLE_MATERIAL(packed)].alpha_cutoff;
@@ -241,7 +241,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, Str
 
 // Traces the rays of `mask`; returns those that hit something. For CLOSEST kinds the stream's t_max
 // and triangle hold the hits.
-static uint trace_stream(const Scene *scene, float3 origin, float3 low, Stream *s, uint mask, uint kind, uint seed)
+__attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 origin, float3 low, Stream *s, uint mask, uint kind, uint seed)
 {
     uint2 stack[STACK_SIZE];
     uint depth = 1, hits = 0;
