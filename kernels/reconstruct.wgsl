@@ -148,5 +148,8 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
         }
     }
     let scale = select(0.0, 1.0 / light.sum, light.sum > 0.0);
-    return encode(unpack_albedo(record.z) * light.first * scale + light.second * scale + emission);
+    let base = unpack_base(record.z);
+    let metalness = unpack_metalness(record.z);
+    let reflected = base * (1.0 - metalness) * light.first + mix(vec3(0.04), base, metalness) * light.second;
+    return encode(reflected * scale + emission);
 }

@@ -27,10 +27,15 @@ fn unpack_axes(packed: u32) -> vec3<f32> {
     return vec3<f32>(vec3(i32(packed << 22u), i32(packed << 12u), i32(packed << 2u)) >> vec3(22u)) / 511.0;
 }
 
-// Three 8-bit unorms of the albedo's square root.
-fn unpack_albedo(packed: u32) -> vec3<f32> {
+// Three 8-bit unorms of the base colour's square root.
+fn unpack_base(packed: u32) -> vec3<f32> {
     let root = vec3<f32>(vec3(packed, packed >> 8u, packed >> 16u) & vec3(255u)) / 255.0;
     return root * root;
+}
+
+// A 4-bit unorm.
+fn unpack_metalness(packed: u32) -> f32 {
+    return f32(packed >> 24u & 15u) / 15.0;
 }
 
 // R9 G9 B8 and a 6-bit exponent.

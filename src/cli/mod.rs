@@ -1,13 +1,10 @@
 //! The command line: arguments to a configuration, and one command.
 
-
-
 mod machine;
 
 mod options;
 mod output;
 mod render;
-
 
 use clap::{Parser, Subcommand};
 

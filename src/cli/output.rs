@@ -5,8 +5,8 @@ use std::path::Path;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
-use crate::error::{Error, Result};
 use super::machine::Machine;
+use crate::error::{Error, Result};
 use crate::frame::{FrameReport, Plan, Renderer, StageMs, Step};
 use crate::measure::stats::percentile;
 

@@ -88,7 +88,10 @@ pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded
     // What is wrong with the scene comes first: it is the likelier mistake.
     let loaded = loaded?;
     if loaded.scene.mesh.triangles.is_empty() {
-        return Err(Error::Scene { path: scene.to_path_buf(), problem: "it has no triangles to show; check its export".into() });
+        return Err(Error::Scene {
+            path: scene.to_path_buf(),
+            problem: "it has no triangles to show; check its export".into(),
+        });
     }
     Ok((machine?, loaded))
 }
@@ -150,7 +153,14 @@ impl Sum {
     }
 }
 
-fn write(args: &Args, kind: FileKind, output: Output, plan: &Plan, pixels: &[u8], exposure: f64) -> Result<()> {
+fn write(
+    args: &Args,
+    kind: FileKind,
+    output: Output,
+    plan: &Plan,
+    pixels: &[u8],
+    exposure: f64,
+) -> Result<()> {
     let (width, height) = (plan.width, plan.height);
     if output == Output::Display {
         return Display::from_rgba(width, height, pixels).write_png(&args.out);
@@ -175,7 +185,11 @@ fn report(
 ) -> Result<()> {
     let render = RenderSummary::of(frames).about(plan, machine, renderer, steps);
     if args.options.config.json {
-        return output::print_json(&Summary { render, passes: args.passes, out: args.out.display().to_string() });
+        return output::print_json(&Summary {
+            render,
+            passes: args.passes,
+            out: args.out.display().to_string(),
+        });
     }
     output::print_line(&format!(
         "{}: {}x{}, {} samples for {} pixels, {} rays each{}, {:.0} ms ({:.2} Mrays/s), samples {} from {}",

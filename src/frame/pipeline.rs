@@ -101,8 +101,9 @@ impl Renderer {
         config: &Config,
         output: Output,
     ) -> Result<(Self, Vec<Step>)> {
-        let (tracer, tracer_step) =
-            timed("kernels and upload", || Tracer::new(device, &loaded.scene, &loaded.bvh, &loaded.environment))?;
+        let (tracer, tracer_step) = timed("kernels and upload", || {
+            Tracer::new(device, &loaded.scene, &loaded.bvh, &loaded.environment)
+        })?;
         let (reconstruction, shaders_step) =
             timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
         let (sharing, probe_step) = timed("sharing probe", || Ok(interop::probe(device, context)))?;
@@ -151,7 +152,8 @@ impl Renderer {
         let traced = &self.views[index];
         let settings = trace::Settings { seed, ..self.settings };
         let visibility = traced.visibility.as_ref().map(Shared::opencl);
-        let work = self.tracer.enqueue(view, &settings, &traced.pattern, traced.samples.opencl(), visibility)?;
+        let work =
+            self.tracer.enqueue(view, &settings, &traced.pattern, traced.samples.opencl(), visibility)?;
         let done = self.tracer.finish(work)?;
         report.samples += traced.count;
         report.rays += done.rays;
@@ -235,7 +237,8 @@ impl Renderer {
     }
 
     fn prepare_image(&mut self, plan: &Plan) -> Result<()> {
-        let fits = |image: &Image| (image.target().width(), image.target().height()) == (plan.width, plan.height);
+        let fits =
+            |image: &Image| (image.target().width(), image.target().height()) == (plan.width, plan.height);
         if !self.image.as_ref().is_some_and(fits) {
             let format = match self.output {
                 Output::Display => Format::R8G8B8A8_UNORM,

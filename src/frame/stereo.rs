@@ -30,7 +30,11 @@ impl Plan {
     /// One view that fills the picture.
     pub fn mono(view: View) -> Plan {
         let rect = Rect { x: 0, y: 0, width: view.width, height: view.height };
-        Plan { width: view.width, height: view.height, views: vec![(view, vec![Cut { source: [0, 0], rect }])] }
+        Plan {
+            width: view.width,
+            height: view.height,
+            views: vec![(view, vec![Cut { source: [0, 0], rect }])],
+        }
     }
 
     /// Both eyes, traced as `stereo` says.
@@ -64,7 +68,10 @@ impl Plan {
         let [left, right] = eyes;
         let refuse = |why: &str| {
             let next = "choose per-eye stereo";
-            Err(Error::setting("view.stereo", format!("one view cannot serve both eyes, since {why}; {next}")))
+            Err(Error::setting(
+                "view.stereo",
+                format!("one view cannot serve both eyes, since {why}; {next}"),
+            ))
         };
         let turn = left.world_from_eye.rotation.angle_between(right.world_from_eye.rotation);
         if turn > 1e-4 {
@@ -72,7 +79,9 @@ impl Plan {
         }
         let step = |v: &View| (v.fov.right - v.fov.left) / f64::from(v.width);
         let close = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(b.abs()).max(1e-6);
-        if left.height != right.height || !close(left.fov.up, right.fov.up) || !close(left.fov.down, right.fov.down)
+        if left.height != right.height
+            || !close(left.fov.up, right.fov.up)
+            || !close(left.fov.down, right.fov.down)
         {
             return refuse("their pictures differ in height");
         }

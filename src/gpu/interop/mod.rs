@@ -109,7 +109,8 @@ __kernel void probe(__global uint *out, uint count, uint seed)
 pub fn probe(device: &Device, context: &Context) -> Sharing {
     // Only a device that says it shares the host's memory is asked: elsewhere a driver may hold a
     // copy of its own behind the pointer, and be right or wrong from one launch to the next.
-    let proven = device.info().host_unified && (0..2).all(|seed| sees_the_same(device, context, seed + 1) == Ok(true));
+    let proven =
+        device.info().host_unified && (0..2).all(|seed| sees_the_same(device, context, seed + 1) == Ok(true));
     if proven { Sharing::ZeroCopy } else { Sharing::Staged }
 }
 

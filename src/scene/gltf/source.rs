@@ -84,7 +84,10 @@ impl Folder {
         };
         // Resolves symbolic links, so that none leads outside.
         let Some(root) = &self.root else {
-            return Err(format!("{what} refers to {:?}, but a scene from memory has no folder", shorten(&relative)));
+            return Err(format!(
+                "{what} refers to {:?}, but a scene from memory has no folder",
+                shorten(&relative)
+            ));
         };
         let path = root.join(relative.as_ref()).canonicalize().map_err(failed)?;
         if !path.starts_with(root) {
