@@ -12,6 +12,7 @@ pub mod importance;
 pub mod material;
 pub mod sky;
 pub mod texture;
+pub mod viewpoint;
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
@@ -19,6 +20,7 @@ pub use environment::{Environment, Sun};
 pub use features::Features;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use texture::Texture;
+pub use viewpoint::{Viewpoint, default_viewpoint};
 
 use crate::math::pose::Pose;
 
