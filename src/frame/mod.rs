@@ -1,0 +1,3 @@
+//! One frame after the other.
+
+pub mod log;
