@@ -84,6 +84,27 @@ impl Error {
         Error::File { path: path.to_path_buf(), problem }
     }
 
+    /// A [`Error::File`] from an I/O error in writing, with the next step where one is known.
+    pub fn writing(path: &Path, error: &std::io::Error) -> Self {
+        use std::io::ErrorKind;
+        let problem = match error.kind() {
+            ErrorKind::NotFound => "its folder does not exist; create it or choose another".to_string(),
+            ErrorKind::PermissionDenied => "this user may not write it; choose another folder".to_string(),
+            ErrorKind::ReadOnlyFilesystem => "it is on a read-only disk; choose another folder".to_string(),
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+                "the disk is full; free some space, what was written before is kept".to_string()
+            }
+            ErrorKind::IsADirectory => {
+                "a folder is in its place; remove it or choose another folder".to_string()
+            }
+            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
+                "a part of this path is a file, not a folder; choose another folder".to_string()
+            }
+            _ => format!("it cannot be written ({error}); choose another folder"),
+        };
+        Error::File { path: path.to_path_buf(), problem }
+    }
+
     /// A [`Error::Setting`].
     pub fn setting(key: impl Into<String>, problem: impl Into<String>) -> Self {
         Error::Setting { key: key.into(), problem: problem.into() }

@@ -20,6 +20,8 @@ pub mod gpu;
 pub mod reconstruct;
 pub mod trace;
 
+pub mod headset;
+
 pub mod frame;
 
 pub mod measure;

@@ -1,10 +1,13 @@
 //! The command line: arguments to a configuration, and one command.
 
+mod demo;
+mod devices;
 mod machine;
-
+mod mock;
 mod options;
 mod output;
 mod render;
+mod scene;
 
 use clap::{Parser, Subcommand};
 
@@ -32,6 +35,14 @@ flags win over both.";
 enum Command {
     /// Render one picture of a scene: .png for a display, .exr for linear radiance.
     Render(render::Args),
+    /// Render a mock headset's frames along a scripted head and gaze path.
+    Mock(mock::Args),
+    /// Show the demo scene in the best headset there is; a mock one where there is none.
+    Demo(demo::Args),
+    /// Tell about a scene, or generate one.
+    Scene(scene::Args),
+    /// List what OpenCL and Vulkan offer here, what is used, and why not the rest.
+    Devices(devices::Args),
 }
 
 impl Cli {
@@ -42,6 +53,10 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Render(args) => render::run(&args),
+            Command::Mock(args) => mock::run(&args),
+            Command::Demo(args) => demo::run(&args),
+            Command::Scene(args) => scene::run(&args),
+            Command::Devices(args) => devices::run(&args),
         }
     }
 }

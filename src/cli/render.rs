@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use glam::DVec2;
 use serde::Serialize;
 
 use super::machine::Machine;
@@ -59,7 +58,7 @@ pub fn run(args: &Args) -> Result<()> {
     let averaged = args.passes > 1;
     let output = if kind == FileKind::Exr || averaged { Output::Radiance } else { Output::Display };
     let (mut renderer, steps) = Renderer::new(&machine.device, &machine.context, &loaded, &config, output)?;
-    let gaze = gaze_in_views(&plan, gaze);
+    let gaze = gaze.map(|gaze| plan.gaze_points(gaze)).unwrap_or_default();
 
     let mut frames = Vec::new();
     let mut sum = Sum::default();
@@ -120,18 +119,6 @@ pub fn plan_at(config: &Config, head: Pose, fov_y: f64) -> Result<Plan> {
     let eye = width / 2;
     let eyes = parallel_eyes(head, config.view.ipd, eye_fov(fov_y, eye, height), eye, height);
     Plan::stereo(eyes, config.view.stereo)
-}
-
-/// A gaze in 0..1 of the whole picture (of each eye's half with stereo) as points of the traced views.
-fn gaze_in_views(plan: &Plan, gaze: Option<DVec2>) -> Vec<DVec2> {
-    let Some(gaze) = gaze else { return Vec::new() };
-    let in_view = |(view, cuts): &(View, Vec<crate::frame::Cut>)| {
-        let cut = &cuts[0];
-        let size = DVec2::new(f64::from(view.width), f64::from(view.height));
-        let part = DVec2::new(f64::from(cut.rect.width), f64::from(cut.rect.height));
-        (DVec2::new(f64::from(cut.source[0]), f64::from(cut.source[1])) + gaze * part) / size
-    };
-    plan.views.iter().map(in_view).collect()
 }
 
 /// Mean of pictures, in double precision.

@@ -1,6 +1,7 @@
 //! A frame, from poses to pixels.
 
 pub mod load;
+pub mod log;
 pub mod pipeline;
 pub mod stereo;
 

@@ -1,5 +1,7 @@
 //! Which views are traced for the eyes, and which part of each becomes which eye's picture.
 
+use glam::DVec2;
+
 use crate::config::Stereo;
 use crate::error::{Error, Result};
 use crate::gpu::vulkan::Rect;
@@ -47,6 +49,22 @@ impl Plan {
             Stereo::PerEye => Ok(Plan::per_eye(eyes)),
             Stereo::Shared => Plan::shared(eyes),
         }
+    }
+
+    /// The point of each traced view, in 0..1 of it, that lies in the direction of a point of the
+    /// first eye's picture, in 0..1 of that: both eyes look at the same thing, if it is far away.
+    pub fn gaze_points(&self, gaze: DVec2) -> Vec<DVec2> {
+        let size = |view: &View| DVec2::new(f64::from(view.width), f64::from(view.height));
+        let (first, cuts) = &self.views[0];
+        let Cut { source, rect } = cuts[0];
+        let corner = DVec2::new(f64::from(source[0]), f64::from(source[1]));
+        let at = corner + gaze * DVec2::new(f64::from(rect.width), f64::from(rect.height));
+        let direction = first.world_from_eye.rotation * first.eye_direction(at);
+        let seen = |(view, _): &(View, Vec<Cut>)| {
+            let in_eye = view.world_from_eye.rotation.conjugate() * direction;
+            view.project(in_eye).map_or_else(|| view.optical_centre(), |pixel| pixel / size(view))
+        };
+        self.views.iter().map(seen).collect()
     }
 
     fn per_eye(eyes: [View; 2]) -> Plan {
@@ -121,7 +139,7 @@ pub fn parallel_eyes(head: Pose, ipd: f64, fov: FieldOfView, width: u32, height:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DQuat, DVec2};
+    use glam::DQuat;
 
     fn dk1_eyes() -> [View; 2] {
         let left = FieldOfView { left: -1.803682, right: 1.327774, up: 1.957160, down: -1.957160 };
@@ -143,6 +161,20 @@ mod tests {
                 assert!(apart.length() <= 0.51 * 3.131456 / 640.0, "{apart}");
             }
             assert!(cut.source[0] + cut.rect.width <= view.width);
+        }
+    }
+
+    #[test]
+    fn both_eyes_gaze_in_one_direction() {
+        let eyes = dk1_eyes();
+        for stereo in [Stereo::PerEye, Stereo::Shared] {
+            let plan = Plan::stereo(eyes, stereo).unwrap();
+            let points = plan.gaze_points(DVec2::new(0.3, 0.6));
+            let wanted = eyes[0].eye_direction(DVec2::new(0.3 * 640.0, 0.6 * 800.0));
+            for ((view, _), point) in plan.views.iter().zip(points) {
+                let size = DVec2::new(f64::from(view.width), f64::from(view.height));
+                assert!((view.eye_direction(point * size) - wanted).length() < 0.004, "{stereo:?} {point}");
+            }
         }
     }
 

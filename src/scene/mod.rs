@@ -21,6 +21,7 @@ pub use environment::{Environment, Sun};
 pub use features::Features;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use texture::Texture;
+pub use viewpoint::{Viewpoint, default_viewpoint};
 
 use std::path::Path;
 

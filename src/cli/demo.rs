@@ -1,0 +1,55 @@
+//! `foveate demo`: the demo scene in the best headset there is.
+
+use std::path::PathBuf;
+
+use super::machine::Machine;
+use super::mock::{Session, stereo_layers};
+use super::options::ConfigOptions;
+use super::output;
+use crate::config::Samples;
+use crate::error::Result;
+use crate::frame::Loaded;
+use crate::headset::mock::Profile;
+use crate::scene::{default_viewpoint, generate};
+
+/// Arguments of `foveate demo`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Folder for pictures, contact sheet, animated preview and frames.jsonl.
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+    #[command(flatten)]
+    options: ConfigOptions,
+}
+
+/// The script's length in seconds of display time.
+const SCRIPT_SECONDS: f64 = 6.0;
+/// Frames at most, and the milliseconds that all of them may take together.
+const MAX_FRAMES: f64 = 48.0;
+const BUDGET_MS: f64 = 32_000.0;
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let mut layers = stereo_layers()?;
+    // Two eyes share the usual number of samples.
+    if let Samples::Count(count) = layers.finish()?.foveation.samples {
+        layers.set("foveation.samples", count as i64 / 2)?;
+    }
+    let config = args.options.layers(layers)?.finish()?;
+    let (machine, loaded) = rayon::join(
+        || Machine::open(&config.devices),
+        || Loaded::from_glb("the demo scene", &generate::demo::generate(), &config),
+    );
+    let (machine, loaded) = (machine?, loaded?);
+    output::print_warnings(&loaded.warnings);
+    let session = Session {
+        config: &config,
+        loaded: &loaded,
+        machine: &machine,
+        profile: Profile::generic(),
+        rest: default_viewpoint(&loaded.scene, config.view.fov_y).world_from_eye,
+        out: &args.out,
+    };
+    let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;
+    session.run(frames, SCRIPT_SECONDS)?.print(args.options.json)
+}

@@ -1,0 +1,217 @@
+//! `foveate mock`: a mock headset's frames along a script.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::machine::Machine;
+use super::options::RenderOptions;
+use super::output::{self, RenderSummary};
+use super::render;
+use crate::config::{Config, Layers};
+use crate::error::{Error, Result};
+use crate::frame::log::{FrameLog, FrameRecord};
+use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
+use crate::headset::mock::{PictureSink, Profile, Script};
+use crate::math::pose::Pose;
+
+/// Arguments of `foveate mock`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A glTF 2.0 file, .gltf or .glb.
+    scene: PathBuf,
+    /// Frames to render.
+    #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    frames: u32,
+    /// Folder for pictures, contact sheet, animated preview and frames.jsonl.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// The headset to mock: dk1 or generic.
+    #[arg(long, value_name = "NAME", default_value = "generic")]
+    headset: String,
+    #[command(flatten)]
+    options: RenderOptions,
+}
+
+/// What a mock run tells with `--json`.
+#[derive(Serialize)]
+pub struct Summary {
+    #[serde(flatten)]
+    render: RenderSummary,
+    fps: f64,
+    presenter: String,
+    out: String,
+    contact_sheet: Option<String>,
+    preview: Option<String>,
+}
+
+/// A mock headset in front of a scene.
+pub struct Session<'a> {
+    /// Settings.
+    pub config: &'a Config,
+    /// The scene.
+    pub loaded: &'a Loaded,
+    /// Devices.
+    pub machine: &'a Machine,
+    /// What the headset claims to be.
+    pub profile: Profile,
+    /// Where the head rests.
+    pub rest: Pose,
+    /// Where files go.
+    pub out: &'a Path,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let config = args.options.config_over(stereo_layers()?)?;
+    let profile = Profile::named(&args.headset).ok_or_else(|| {
+        let names = Profile::all().map(|p| p.name).join(" or ");
+        Error::setting("--headset", format!("there is no headset {:?} to mock; choose {names}", args.headset))
+    })?;
+    let (machine, loaded) = render::open(&args.scene, &config)?;
+    output::print_warnings(&loaded.warnings);
+    let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
+    let session =
+        Session { config: &config, loaded: &loaded, machine: &machine, profile, rest, out: &args.out };
+    let summary = session.run(|_| args.frames, f64::from(args.frames) / profile.refresh_hz)?;
+    summary.print(args.options.config.json)
+}
+
+/// Defaults of commands with a headset: both eyes, from their own viewpoints.
+pub fn stereo_layers() -> Result<Layers> {
+    let mut layers = Layers::default();
+    layers.set("view.stereo", "per-eye")?;
+    Ok(layers)
+}
+
+impl Session<'_> {
+    /// Renders frames along the demo script, which takes `seconds` of display time. `frames` tells how
+    /// many there are to be, once it is known how long one takes (in milliseconds).
+    ///
+    /// # Errors
+    /// Where a device fails or a file cannot be written.
+    pub fn run(&self, frames: impl Fn(f64) -> u32, seconds: f64) -> Result<Summary> {
+        let eye_width = if self.is_stereo() { self.config.view.width / 2 } else { self.config.view.width };
+        let profile = self.profile.resized(eye_width, self.config.view.height);
+        let (mut renderer, steps) = Renderer::new(
+            &self.machine.device,
+            &self.machine.context,
+            self.loaded,
+            self.config,
+            Output::Display,
+        )?;
+        let mut sink = PictureSink::create(self.out)?;
+        let mut log = FrameLog::create(self.out.join("frames.jsonl"))?;
+        let reach = self.reach();
+        let script = |seconds| Script::demo(self.rest, seconds).with_reach(reach);
+
+        // Drivers finish building kernels at their first launch: one frame that does not count.
+        let first_plan = self.plan(&profile, script(seconds).head_at(0.0))?;
+        renderer.frame(&first_plan, &[], self.config.trace.seed)?;
+        let warm = renderer.frame(&first_plan, &[], self.config.trace.seed)?;
+        let count = frames(warm.frame_ms).max(1);
+
+        let script = script(seconds);
+        let bar = output::progress(count.into(), "frames");
+        let mut reports = Vec::new();
+        for frame in 0..count {
+            let time = seconds * f64::from(frame) / f64::from(count);
+            let (head, gaze) = (script.head_at(time), script.gaze_at(time));
+            let plan = self.plan(&profile, head)?;
+            let seed = self.config.trace.seed.wrapping_add(frame);
+            let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
+            sink.push(frame as usize, plan.width, plan.height, renderer.picture()?)?;
+            log.push(&record(frame, time, &plan, &report, gaze, head))?;
+            reports.push(report);
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let files = sink.finish()?;
+        let steps: Vec<Step> = self.loaded.steps.iter().chain(&steps).copied().collect();
+        let render = RenderSummary::of(&reports).about(&first_plan, self.machine, &renderer, &steps);
+        Ok(Summary {
+            fps: 1e3 / render.frame_ms.p50,
+            render,
+            presenter: format!("mock headset ({})", profile.name),
+            out: self.out.display().to_string(),
+            contact_sheet: files.contact_sheet.map(|path| path.display().to_string()),
+            preview: files.preview.map(|path| path.display().to_string()),
+        })
+    }
+
+    fn is_stereo(&self) -> bool {
+        self.config.view.stereo != crate::config::Stereo::Mono
+    }
+
+    fn plan(&self, profile: &Profile, head: Pose) -> Result<Plan> {
+        Plan::stereo(profile.views(head), self.config.view.stereo)
+    }
+
+    /// How far the head moves: a small scene would pass through it.
+    fn reach(&self) -> f64 {
+        let size = self.loaded.scene.mesh.bounds().map_or(0.0, |(low, high)| (high - low).length());
+        (f64::from(size) * 0.05).min(0.4)
+    }
+}
+
+fn record(
+    frame: u32,
+    time: f64,
+    plan: &Plan,
+    report: &FrameReport,
+    gaze: glam::DVec2,
+    head: Pose,
+) -> FrameRecord {
+    FrameRecord {
+        frame: frame.into(),
+        display_time_s: time,
+        samples: report.samples as u64,
+        pixels: u64::from(plan.width) * u64::from(plan.height),
+        rays: report.rays,
+        dropped_samples: report.dropped.into(),
+        pattern_ms: report.pattern_ms,
+        trace_ms: report.stages.trace,
+        shade_ms: report.stages.shade,
+        share_ms: report.stages.share,
+        reconstruct_ms: report.stages.reconstruct,
+        frame_ms: report.frame_ms,
+        gaze,
+        head_position: head.position,
+        head_orientation: head.rotation,
+    }
+}
+
+impl Summary {
+    /// Prints it as text or as JSON.
+    pub fn print(&self, json: bool) -> Result<()> {
+        if json {
+            return output::print_json(self);
+        }
+        let r = &self.render;
+        output::print_line(&format!(
+            "{} frames for the {}, {:.1} fps (median frame {:.0} ms, p99 {:.0} ms)\n\
+             {} shaded samples for {} pixels (1 for {:.1}), {:.2} Mrays a frame, {:.2} Mrays/s\n\
+             trace {:.1} ms, shade {:.1} ms, share {:.1} ms ({}), reconstruct {:.1} ms\n\
+             traced by {}, reconstructed by {}\n\
+             {}: pictures, contact_sheet.png, preview.gif, frames.jsonl",
+            r.frames,
+            self.presenter,
+            self.fps,
+            r.frame_ms.p50,
+            r.frame_ms.p99,
+            r.samples,
+            r.pixels,
+            r.pixels as f64 / r.samples.max(1) as f64,
+            r.rays as f64 * 1e-6,
+            r.mrays_per_second,
+            r.stage_ms.trace,
+            r.stage_ms.shade,
+            r.stage_ms.share,
+            r.sharing,
+            r.stage_ms.reconstruct,
+            r.device,
+            r.presenting_device,
+            self.out,
+        ))
+    }
+}

@@ -1,0 +1,166 @@
+//! What each frame did, as lines of JSON.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// One frame. Times in milliseconds unless named otherwise.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameRecord {
+    /// Its number, from 0.
+    pub frame: u64,
+    /// When it is shown, in seconds of the presenter's clock.
+    pub display_time_s: f64,
+    /// Shaded samples.
+    pub samples: u64,
+    /// Pixels of the pictures made, of both eyes together.
+    pub pixels: u64,
+    /// Rays cast, of all kinds.
+    pub rays: u64,
+    /// Samples whose estimate was not finite, and which were left out.
+    pub dropped_samples: u64,
+    /// Making a new sample pattern, where gaze or view had changed.
+    pub pattern_ms: f64,
+    /// Finding what pixels and samples see.
+    pub trace_ms: f64,
+    /// Shading the samples.
+    pub shade_ms: f64,
+    /// Bringing the results to the presenting device.
+    pub share_ms: f64,
+    /// From samples to pixels.
+    pub reconstruct_ms: f64,
+    /// The whole frame, from the pose to the picture.
+    pub frame_ms: f64,
+    /// Where the eyes looked, in 0..1 of the image from the upper left corner.
+    pub gaze: DVec2,
+    /// The head in the world, in metres.
+    pub head_position: DVec3,
+    /// The head's orientation in the world, as x, y, z, w.
+    pub head_orientation: DQuat,
+}
+
+/// A file with one frame a line.
+#[derive(Debug)]
+pub struct FrameLog {
+    path: PathBuf,
+    file: File,
+    /// Bytes of whole lines.
+    length: u64,
+}
+
+impl FrameLog {
+    /// Makes the file, or empties the one that is there.
+    ///
+    /// # Errors
+    /// Where it cannot be made.
+    pub fn create(path: impl Into<PathBuf>) -> Result<Self> {
+        let path = path.into();
+        let file = File::create(&path).map_err(|e| Error::writing(&path, &e))?;
+        Ok(FrameLog { path, file, length: 0 })
+    }
+
+    /// Adds a line and hands it to the system at once, so that a run that is interrupted keeps its frames.
+    /// A number that is not finite is written as `null`.
+    ///
+    /// # Errors
+    /// Where it cannot be written; the lines before stay whole.
+    pub fn push(&mut self, record: &FrameRecord) -> Result<()> {
+        let mut line = serde_json::to_vec(record).map_err(|e| Error::writing(&self.path, &e.into()))?;
+        line.push(b'\n');
+        self.file.write_all(&line).map_err(|error| {
+            // Cuts off half a line; where that fails too, the first error is the one to tell.
+            let _ = self.file.set_len(self.length);
+            Error::writing(&self.path, &error)
+        })?;
+        self.length += line.len() as u64;
+        Ok(())
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(frame: u64, frame_ms: f64) -> FrameRecord {
+        FrameRecord {
+            frame,
+            display_time_s: frame as f64 / 60.0,
+            samples: 55_000,
+            pixels: 1_024_000,
+            rays: 2_000_000 + frame,
+            dropped_samples: 1,
+            pattern_ms: 2.0,
+            trace_ms: 4.0,
+            shade_ms: 6.0,
+            share_ms: 0.5,
+            reconstruct_ms: 1.0,
+            frame_ms,
+            gaze: DVec2::new(0.25, 0.75),
+            head_position: DVec3::new(1.0, 2.0, 3.0),
+            head_orientation: DQuat::from_rotation_y(0.3),
+        }
+    }
+
+    #[test]
+    fn every_line_is_there_before_the_log_is_closed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("frames.jsonl");
+        std::fs::write(&path, "an earlier, longer run\n".repeat(500)).unwrap();
+        let mut log = FrameLog::create(&path).unwrap();
+        for frame in 0..5 {
+            log.push(&record(frame, 20.0)).unwrap();
+            let text = std::fs::read_to_string(log.path()).unwrap();
+            assert!(text.ends_with('\n'));
+            let read: Vec<FrameRecord> =
+                text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+            assert_eq!(read, (0..=frame).map(|i| record(i, 20.0)).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn keys_are_those_that_others_build_on() {
+        let line = serde_json::to_value(record(0, 20.0)).unwrap();
+        assert_eq!(line["gaze"], serde_json::json!([0.25, 0.75]));
+        assert_eq!(line["head_orientation"].as_array().unwrap().len(), 4);
+    }
+
+    #[test]
+    fn numbers_that_are_none_make_a_line_all_the_same() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut log = FrameLog::create(directory.path().join("frames.jsonl")).unwrap();
+        log.push(&record(0, f64::NAN)).unwrap();
+        let line: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(log.path()).unwrap()).unwrap();
+        assert!(line["frame_ms"].is_null());
+    }
+
+    #[test]
+    fn wrong_places_are_told() {
+        let directory = tempfile::tempdir().unwrap();
+        for (path, part) in [
+            (directory.path().to_path_buf(), "a folder is in its place"),
+            (directory.path().join("no/frames.jsonl"), "its folder does not exist"),
+        ] {
+            let message = FrameLog::create(&path).unwrap_err().to_string();
+            assert!(message.contains(part) && message.starts_with(path.to_str().unwrap()), "{message}");
+        }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_told() {
+        let mut log = FrameLog::create("/dev/full").unwrap();
+        let message = log.push(&record(0, 20.0)).unwrap_err().to_string();
+        assert!(message.contains("the disk is full"), "{message}");
+    }
+}

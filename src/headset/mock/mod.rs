@@ -1,0 +1,11 @@
+//! A headset that is not there: poses and gazes by formula, pictures into files.
+
+mod animation;
+mod preview;
+pub mod profile;
+pub mod script;
+pub mod sink;
+
+pub use profile::Profile;
+pub use script::Script;
+pub use sink::{Files, PictureSink};

@@ -1,0 +1,3 @@
+//! What a frame is shown on, and where poses and gazes come from.
+
+pub mod mock;
