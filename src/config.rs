@@ -197,7 +197,7 @@ impl Default for TraceConfig {
 
 impl Default for ReconstructionConfig {
     fn default() -> Self {
-        ReconstructionConfig { method: Method::Guided, k: 6, weights: WeightsConfig::Shepard }
+        ReconstructionConfig { method: Method::Guided, k: 4, weights: WeightsConfig::Shepard }
     }
 }
 

@@ -12,6 +12,7 @@ typedef struct {
     __global const Material *materials;
     __global const TextureInfo *textures;
     __global const uint *texels;
+    __global const float *srgb; // linear values of the 256 sRGB codes
     __global const Light *lights;
     __global const EnvironmentTexel *environment;
     __global const Alias *alias;
@@ -21,13 +22,14 @@ typedef struct {
     __global const WideNode *nodes, __global const float *leaves, __global const Triangle *triangles, \
         __global const uint *normals, __global const float4 *tangents, __global const float2 *uv0,   \
         __global const float2 *uv1, __global const uint *colors, __global const Material *materials, \
-        __global const TextureInfo *textures, __global const uint *texels, __global const Light *lights, \
+        __global const TextureInfo *textures, __global const uint *texels, __global const float *srgb, \
+        __global const Light *lights, \
         __global const EnvironmentTexel *environment, __global const Alias *alias
 
 #define SCENE_ARGUMENTS                                                                              \
     {                                                                                                \
         nodes, leaves, triangles, normals, tangents, uv0, uv1, colors, materials, textures, texels,  \
-            lights, environment, alias                                                               \
+            srgb, lights, environment, alias                                                               \
     }
 
 #define TRIANGLE_MATERIAL(packed) ((packed) & 0xfffffu)

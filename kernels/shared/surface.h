@@ -104,7 +104,7 @@ static float3 mapped_normal(const Scene *scene, __global const Material *materia
 #endif
 
 // The surface where ray d from `origin` meets triangle `place`; `width` is the ray cone's width there.
-static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
+__attribute__((noinline)) static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
 {
     Surface s;
     __global const Triangle *triangle = scene->triangles + place;

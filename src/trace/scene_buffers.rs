@@ -22,6 +22,7 @@ pub struct SceneBuffers {
     materials: Buffer<layout::Material>,
     textures: Option<Buffer<layout::TextureInfo>>,
     texels: Option<Buffer<[u8; 4]>>,
+    srgb: Option<Buffer<f32>>,
     lights: Option<Buffer<layout::Light>>,
     environment: Buffer<layout::EnvironmentTexel>,
     alias: Buffer<layout::Alias>,
@@ -85,6 +86,7 @@ impl SceneBuffers {
             materials: Buffer::from_slice(device, &pack_materials(scene))?,
             textures: when(features.textures).map(|()| Buffer::from_slice(device, &infos)).transpose()?,
             texels: when(features.textures).map(|()| Buffer::from_slice(device, &texels)).transpose()?,
+            srgb: when(features.textures).map(|()| Buffer::from_slice(device, &srgb_codes())).transpose()?,
             lights: when(features.lights)
                 .map(|()| Buffer::from_slice(device, &pack_lights(scene)))
                 .transpose()?,
@@ -108,6 +110,7 @@ impl SceneBuffers {
             Arg::buffer(&self.materials),
             Arg::optional(&self.textures),
             Arg::optional(&self.texels),
+            Arg::optional(&self.srgb),
             Arg::optional(&self.lights),
             Arg::buffer(&self.environment),
             Arg::buffer(&self.alias),
@@ -129,6 +132,7 @@ impl SceneBuffers {
             of("materials", self.materials.bytes()),
             self.textures.as_ref().and_then(|b| of("textures", b.bytes())),
             self.texels.as_ref().and_then(|b| of("texels", b.bytes())),
+            self.srgb.as_ref().and_then(|b| of("sRGB codes", b.bytes())),
             self.lights.as_ref().and_then(|b| of("lights", b.bytes())),
             of("environment", self.environment.bytes()),
             of("alias", self.alias.bytes()),
@@ -222,6 +226,11 @@ fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, Vec<[u8; 4]
         texels.extend_from_slice(&texture.texels);
     }
     Ok((infos, texels))
+}
+
+/// Linear values of the 256 sRGB codes: a look-up is an order of magnitude cheaper than the power.
+fn srgb_codes() -> Vec<f32> {
+    (0..=255u8).map(|code| crate::measure::display::linear_from_srgb(f32::from(code) / 255.0)).collect()
 }
 
 fn pack_lights(scene: &Scene) -> Vec<layout::Light> {
