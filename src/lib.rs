@@ -6,6 +6,7 @@
 
 pub mod error;
 pub mod foveation;
+pub mod headset;
 pub mod layout;
 pub mod math;
 pub mod scene;
