@@ -4,4 +4,6 @@
 //! looks ahead, Y against gravity. Orientations take the body frame to the world frame.
 
 pub mod clock;
+pub mod fusion;
 pub mod report;
+pub mod simulate;

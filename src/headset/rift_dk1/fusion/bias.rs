@@ -1,0 +1,75 @@
+//! The gyroscope's zero from stillness: what it says of a headset that lies on a table.
+//!
+//! A worn headset is never so still (a head trembles by about a degree a second), so that this does not
+//! mistake a slow turn of the head for an error; tilt and the magnetometer find the zero there.
+
+use super::state::{BIAS, SIZE, State};
+use glam::DVec3;
+
+/// Seconds of one block, over which the rate is averaged.
+const BLOCK: f64 = 0.05;
+/// Blocks that must agree: one second.
+const BLOCKS: usize = 20;
+/// Standard deviation between blocks on an axis below which nothing moves, rad/s (0.045 deg/s; the
+/// gyroscope's noise alone makes a third of it).
+const STILL: f64 = 8e-4;
+/// The mean may differ from what is known of the zero by its doubt and this, rad/s.
+const SLOW_TURN: f64 = 0.009;
+/// Standard deviation of a second's mean, rad/s (0.006 deg/s).
+const MEAN_DOUBT: f64 = 1e-4;
+
+/// Looks for stillness in the rates.
+#[derive(Clone, Debug, Default)]
+pub struct Stillness {
+    sum: DVec3,
+    time: f64,
+    blocks: Vec<DVec3>,
+    still: bool,
+}
+
+impl Stillness {
+    /// Takes up `seconds` of a measured rate (rad/s, body frame).
+    pub fn add(&mut self, state: &mut State, measured: DVec3, seconds: f64) {
+        self.sum += measured * seconds;
+        self.time += seconds;
+        if self.time < BLOCK {
+            return;
+        }
+        self.blocks.push(self.sum / self.time);
+        (self.sum, self.time) = (DVec3::ZERO, 0.0);
+        if self.blocks.len() >= BLOCKS {
+            self.close(state);
+            self.blocks.clear();
+        }
+    }
+
+    /// Forgets what was gathered: a hole in the stream.
+    pub fn interrupt(&mut self) {
+        *self = Stillness::default();
+    }
+
+    /// True while the last second was still.
+    pub fn still(&self) -> bool {
+        self.still
+    }
+
+    fn close(&mut self, state: &mut State) {
+        let count = self.blocks.len() as f64;
+        let mean = self.blocks.iter().sum::<DVec3>() / count;
+        let variance = self.blocks.iter().map(|block| (block - mean).powf(2.0)).sum::<DVec3>() / count;
+        let residual = state.corrected(mean);
+        let sigma = (0..3).map(|axis| state.variance_of(BIAS + axis)).fold(0.0, f64::max).sqrt();
+        let credible = residual.abs().max_element() < SLOW_TURN + 3.0 * sigma;
+        self.still = credible && variance.max_element() < STILL * STILL;
+        if !self.still {
+            return;
+        }
+        state.propagate();
+        let measurements = std::array::from_fn::<_, 3, _>(|axis| {
+            let mut jacobian = [0.0; SIZE];
+            jacobian[BIAS + axis] = 1.0;
+            (residual[axis], jacobian, MEAN_DOUBT * MEAN_DOUBT)
+        });
+        state.update(&measurements, |_| false);
+    }
+}
