@@ -4,6 +4,7 @@
 
 #![deny(unsafe_code)]
 
+pub mod cli;
 pub mod error;
 pub mod foveation;
 pub mod headset;

@@ -78,7 +78,8 @@ impl NorthCorrection {
             return;
         }
         let mag = mean(&self.mags);
-        let nearest = self.references.iter().min_by(|a, b| distance(a.0, *q).total_cmp(&distance(b.0, *q))).copied();
+        let nearest =
+            self.references.iter().min_by(|a, b| distance(a.0, *q).total_cmp(&distance(b.0, *q))).copied();
         let Some((q_then, m_then)) = nearest.filter(|reference| distance(reference.0, *q) < 0.5) else {
             if seconds > 10.0 && tilt_error < 0.2 {
                 self.references.push((*q, mag));

@@ -7,9 +7,7 @@ use glam::{DQuat, DVec3};
 use std::fmt;
 
 /// Seconds ahead at which predictions are scored.
-pub const AHEAD: [f64; 3] = [0.02, 0.04, 0.1];
-/// Seconds at the start that are not scored: filters that begin level need some.
-const WARM_UP: f64 = 10.0;
+pub const AHEAD: [f64; 4] = [0.02, 0.04, 0.06, 0.1];
 
 /// Angles in degrees.
 #[derive(Clone, Copy, Debug, Default)]
@@ -17,7 +15,6 @@ pub struct Series {
     squares: f64,
     count: f64,
     max: f64,
-    last: f64,
 }
 
 impl Series {
@@ -26,7 +23,6 @@ impl Series {
         self.squares += degrees * degrees;
         self.count += 1.0;
         self.max = self.max.max(degrees.abs());
-        self.last = degrees;
     }
 
     pub fn rms(&self) -> f64 {
@@ -46,7 +42,7 @@ pub struct Errors {
     pub tilt: Series,
     pub after_motion: Series,
     pub yaw: Series,
-    pub predicted: [Series; 3],
+    pub predicted: [Series; 4],
     yaw_at_start: Option<f64>,
 }
 
@@ -112,7 +108,12 @@ pub struct Contest {
 /// What a wearer's calibration ritual gives LibOVR: the centre of the sphere through four samples.
 pub fn ritual(unit: &Unit) -> DVec3 {
     let field = DVec3::new(0.0, -0.453, -0.211);
-    let turns = [DQuat::IDENTITY, DQuat::from_rotation_y(2.1), DQuat::from_rotation_x(1.6), DQuat::from_rotation_z(1.6)];
+    let turns = [
+        DQuat::IDENTITY,
+        DQuat::from_rotation_y(2.1),
+        DQuat::from_rotation_x(1.6),
+        DQuat::from_rotation_z(1.6),
+    ];
     let [a, b, c, d] = turns.map(|turn| unit.soft_iron * (turn.conjugate() * field) + unit.hard_iron);
     let rows = glam::DMat3::from_cols(b - a, c - a, d - a).transpose() * 2.0;
     let square = |p: DVec3| p.length_squared() - a.length_squared();
@@ -120,17 +121,25 @@ pub fn ritual(unit: &Unit) -> DVec3 {
 }
 
 impl Contest {
-    pub fn run(&mut self, unit: &Unit, motion: &HeadMotion, frames: impl Iterator<Item = Frame>) {
+    pub fn run(
+        &mut self,
+        hard_iron: Option<DVec3>,
+        motion: &HeadMotion,
+        frames: impl Iterator<Item = Frame>,
+        scored_from: f64,
+    ) {
         let (mut ours, mut openhmd) = (Fusion::new(), OpenHmd::default());
-        let mut libovr = LibOvr::new(Some(ritual(unit)));
+        let mut libovr = LibOvr::new(hard_iron);
         let mut after_motion = AfterMotion::default();
-        [&mut self.ours, &mut self.libovr, &mut self.openhmd].map(Errors::begin);
+        for errors in [&mut self.ours, &mut self.libovr, &mut self.openhmd] {
+            errors.begin();
+        }
         for (index, frame) in frames.enumerate() {
             ours.update(&frame.report, None);
             libovr.report(&frame.report);
             openhmd.report(&frame.report);
             let after = after_motion.look(&frame);
-            if frame.time < WARM_UP || index % 5 != 0 {
+            if frame.time < scored_from || index % 5 != 0 {
                 continue;
             }
             self.ours.score(ours.orientation(), frame.truth, after);
@@ -144,8 +153,6 @@ impl Contest {
                 self.openhmd.score_prediction(which, DQuat::IDENTITY, truth);
             }
         }
-        println!("    {:?} bias {} true {} doubt {:?}", ours.yaw_source(), ours.gyro_bias().map(f64::to_degrees), unit.gyro_bias.map(f64::to_degrees), ours.doubt());
-        println!("    yaw {} {} {}", self.ours.yaw.last, self.libovr.yaw.last, self.openhmd.yaw.last);
     }
 
     pub fn filters(&self) -> [&Errors; 3] {

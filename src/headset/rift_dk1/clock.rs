@@ -146,7 +146,12 @@ impl HostClock {
         let point = Observation { device, offset: host - device };
         let above = point.offset - self.offset_at(device);
         if self.minima.is_empty() || above < -JUMP || self.late > LATE_WINDOWS {
-            *self = HostClock { offset: point.offset, anchor: device, window_end: device + WINDOW, ..Self::default() };
+            *self = HostClock {
+                offset: point.offset,
+                anchor: device,
+                window_end: device + WINDOW,
+                ..Self::default()
+            };
             self.minima.push_back(point);
             return;
         }
@@ -204,7 +209,8 @@ fn hull_edge(points: &VecDeque<Observation>, middle: f64) -> (Observation, Obser
     let mut hull: Vec<Observation> = Vec::with_capacity(points.len());
     for &point in points {
         while let [.., a, b] = hull[..]
-            && (b.offset - a.offset) * (point.device - a.device) >= (point.offset - a.offset) * (b.device - a.device)
+            && (b.offset - a.offset) * (point.device - a.device)
+                >= (point.offset - a.offset) * (b.device - a.device)
         {
             hull.pop();
         }

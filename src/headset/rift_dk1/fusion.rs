@@ -95,7 +95,7 @@ impl Fusion {
     pub fn resume(keepsake: &Keepsake) -> Self {
         let mut fusion = Self::new();
         if keepsake.gyro_bias.is_finite() && keepsake.gyro_bias.abs().max_element() < tuning::BIAS_LIMIT {
-            fusion.state.bias = keepsake.gyro_bias;
+            fusion.state.know_bias(keepsake.gyro_bias);
         }
         if let Some(calibration) = keepsake.magnetometer {
             fusion.yaw = Yaw::with_calibration(calibration);

@@ -4,6 +4,8 @@
 //! looks ahead, Y against gravity. Orientations take the body frame to the world frame.
 
 pub mod clock;
+pub mod device;
 pub mod fusion;
+pub mod recording;
 pub mod report;
 pub mod simulate;

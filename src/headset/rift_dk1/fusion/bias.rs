@@ -17,6 +17,9 @@ const STILL: f64 = 8e-4;
 const SLOW_TURN: f64 = 0.009;
 /// Standard deviation of a second's mean, rad/s (0.006 deg/s).
 const MEAN_DOUBT: f64 = 1e-4;
+/// A residual of so many standard deviations is a new zero: the tracker sets its own when it has been
+/// still for six seconds.
+const JUMP: f64 = 5.0;
 
 /// Looks for stillness in the rates.
 #[derive(Clone, Debug, Default)]
@@ -65,6 +68,12 @@ impl Stillness {
             return;
         }
         state.propagate();
+        for axis in 0..3 {
+            let expected = state.variance_of(BIAS + axis) + MEAN_DOUBT * MEAN_DOUBT;
+            if residual[axis].powi(2) > JUMP * JUMP * expected {
+                state.set_variance(BIAS + axis, residual[axis].powi(2));
+            }
+        }
         let measurements = std::array::from_fn::<_, 3, _>(|axis| {
             let mut jacobian = [0.0; SIZE];
             jacobian[BIAS + axis] = 1.0;

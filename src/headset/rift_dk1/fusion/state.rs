@@ -83,6 +83,14 @@ impl State {
         state
     }
 
+    /// Starts from the gyroscope's zero (rad/s) that an earlier run found.
+    pub fn know_bias(&mut self, bias: DVec3) {
+        self.bias = bias;
+        for axis in 0..3 {
+            self.set_variance(BIAS + axis, tuning::KEPT_BIAS_PRIOR.powi(2));
+        }
+    }
+
     /// The true rate, as far as is known, of a measured one, rad/s.
     pub fn corrected(&self, rate: DVec3) -> DVec3 {
         rate - self.bias - self.gain * rate
@@ -226,8 +234,7 @@ impl State {
         }
         let vector = |at: usize| DVec3::new(correction[at], correction[at + 1], correction[at + 2]);
         let matrix = |at: usize| DMat3::from_cols(vector(at), vector(at + 3), vector(at + 6)).transpose();
-        self.world_from_body =
-            (DQuat::from_scaled_axis(vector(TURN)) * self.world_from_body).normalize();
+        self.world_from_body = (DQuat::from_scaled_axis(vector(TURN)) * self.world_from_body).normalize();
         let bias_limit = DVec3::splat(tuning::BIAS_LIMIT);
         self.bias = (self.bias + vector(BIAS)).clamp(-bias_limit, bias_limit);
         self.gain += matrix(GAIN);

@@ -109,10 +109,8 @@ impl Tilt {
     /// Admits doubt when a resting head contradicts the filter again and again.
     fn question(&mut self, state: &mut State, mean: DVec3, variance: f64) {
         let tilt = DVec3::new(mean.z, 0.0, -mean.x).length() / tuning::GRAVITY;
-        let expected = variance / tuning::GRAVITY.powi(2)
-            + state.variance_of(TURN)
-            + state.variance_of(TURN + 2)
-            + 1e-5;
+        let expected =
+            variance / tuning::GRAVITY.powi(2) + state.variance_of(TURN) + state.variance_of(TURN + 2) + 1e-5;
         let surprised = self.resting() && tilt * tilt > SURPRISE * SURPRISE * expected;
         self.surprises = if surprised { self.surprises + 1 } else { 0 };
         if self.surprises >= SURPRISES {

@@ -9,6 +9,8 @@ pub const GRAVITY: f64 = 9.806_65;
 pub const TILT_PRIOR: f64 = 0.1;
 /// Doubt about the gyroscope's zero at the start, rad/s: one degree a second.
 pub const BIAS_PRIOR: f64 = 0.0175;
+/// Doubt about a zero that an earlier run found, rad/s: a tenth of a degree a second.
+pub const KEPT_BIAS_PRIOR: f64 = 0.001_75;
 /// No zero is believed beyond this, rad/s: the MPU-6000's data sheet says 20 deg/s.
 pub const BIAS_LIMIT: f64 = 0.5;
 /// Doubt about the gyroscope's scale: one per cent, half of it the clock of the samples.

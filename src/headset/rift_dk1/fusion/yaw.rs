@@ -17,6 +17,11 @@ const SOFT_PRIOR: f64 = 0.05;
 const NOISE: f64 = 0.008;
 /// The same for judging whether a block is explained; gauss.
 const NOISE_TO_JUDGE: f64 = 0.003;
+/// The same while yaw is in doubt by more than [`YAW_DOUBT`] rad: it is to be found soon.
+const NOISE_TO_FIND: f64 = 0.004;
+const YAW_DOUBT: f64 = 0.026;
+/// Doubt about tilt at which the field says nothing about yaw, rad.
+const TILT_DOUBT: f64 = 0.05;
 /// The greatest sum of three squared normal residuals that is explained (99.9 %).
 const EXPLAINED: f64 = 16.0;
 /// Seconds of explained blocks after a disturbance before they are used again.
@@ -87,12 +92,15 @@ impl Yaw {
         })
     }
 
-    /// Takes up a block. `settled` is false while tilt is not known well.
+    /// Takes up a block. `settled` is false while tilt is being found for the first time.
+    ///
+    /// Nothing is done while tilt is in doubt: the steep field would turn its error into yaw's.
     pub fn add(&mut self, state: &mut State, block: &Block, settled: bool) {
-        if !settled {
+        state.propagate();
+        let tilt = state.variance_of(TURN) + state.variance_of(TURN + 2);
+        if !settled || (self.calibrated && tilt > TILT_DOUBT * TILT_DOUBT) {
             return;
         }
-        state.propagate();
         if let Some(kept) = self.kept.take() {
             self.resume(state, block, &kept);
         } else if !self.calibrated {
@@ -251,7 +259,9 @@ fn surprise(state: &State, block: &Block, field: DVec3) -> f64 {
 }
 
 fn take(state: &mut State, block: &Block) {
-    let noise = NOISE.powi(2) + block.smear.powi(2);
+    let doubtful = state.variance_of(TURN + 1) > YAW_DOUBT * YAW_DOUBT;
+    let base: f64 = if doubtful { NOISE_TO_FIND } else { NOISE };
+    let noise = base.powi(2) + block.smear.powi(2);
     let field = state.field;
     let measurements = measure(state, block, field).map(|(residual, jacobian)| (residual, jacobian, noise));
     state.update(&measurements, |index| index == TURN || index == TURN + 2);

@@ -44,6 +44,8 @@ pub struct HeadMotion {
     knocks: Vec<(f64, DVec3)>,
     /// 1 for a worn headset; 0 lies on a table.
     sway: f64,
+    /// Seconds on the table before all of it begins.
+    delay: f64,
 }
 
 impl HeadMotion {
@@ -85,6 +87,11 @@ impl HeadMotion {
         motion
     }
 
+    /// The same after `seconds` on a table.
+    pub fn after_rest(self, seconds: f64) -> Self {
+        HeadMotion { delay: seconds, ..self }
+    }
+
     /// Adds spins.
     pub fn with_spins(mut self, spins: impl IntoIterator<Item = Spin>) -> Self {
         self.spins.extend(spins);
@@ -105,9 +112,11 @@ impl HeadMotion {
 
     /// The head at a time: orientation, and the tracker's position.
     pub fn pose(&self, time: f64) -> Pose {
+        let sway = if self.delay > 0.0 { self.sway * smooth(time - self.delay) } else { self.sway };
+        let time = (time - self.delay).max(0.0);
         let (mut angles, mut base) = self.turned(time);
-        angles += self.sway * sway_angles(time);
-        base += self.sway * sway_base(time);
+        angles += sway * sway_angles(time);
+        base += sway * sway_base(time);
         let spins = self.spins.iter().map(|spin| spin.turns * smooth((time - spin.start) / spin.length));
         angles.x += std::f64::consts::TAU * spins.sum::<f64>();
         for &(start, peak) in current(&self.knocks, time, JOLT) {
@@ -120,6 +129,7 @@ impl HeadMotion {
 
     /// What a knock adds to the specific force, m/s^2, body frame.
     pub fn knock(&self, time: f64) -> DVec3 {
+        let time = time - self.delay;
         let knocks = current(&self.knocks, time, PULSE).iter();
         knocks.map(|&(start, peak)| peak * (std::f64::consts::PI * (time - start) / PULSE).sin()).sum()
     }

@@ -72,7 +72,13 @@ pub struct Stream {
 
 impl Stream {
     /// A stream of 500 reports a second, two samples each.
-    pub fn new(seed: u64, unit: Unit, motion: HeadMotion, surroundings: Surroundings, faults: Faults) -> Self {
+    pub fn new(
+        seed: u64,
+        unit: Unit,
+        motion: HeadMotion,
+        surroundings: Surroundings,
+        faults: Faults,
+    ) -> Self {
         Stream {
             unit,
             motion,
@@ -175,14 +181,16 @@ impl Stream {
         let time = (self.now + u64::from(step) - 1) as f64 * 1e-3;
         let [before, middle, after] = [2.0, 1.0, 0.0].map(|back| self.motion.pose(time - back * length));
         let acceleration = (after.position - 2.0 * middle.position + before.position) / (length * length);
-        let force = after.rotation.conjugate() * (acceleration + DVec3::Y * GRAVITY) + self.motion.knock(time);
+        let force =
+            after.rotation.conjugate() * (acceleration + DVec3::Y * GRAVITY) + self.motion.knock(time);
         let rate = (middle.rotation.conjugate() * after.rotation).to_scaled_axis() / length;
         let unit = &self.unit;
         self.bias_walk += self.random.vector() * unit.gyro_bias_walk * length.sqrt();
         let bias = unit.gyro_bias + unit.gyro_bias_ramp * time + self.bias_walk;
         let noise = 1.0 / f64::from(step).sqrt();
         let gyro = unit.gyro_matrix * rate + bias + self.random.vector() * unit.gyro_noise * noise;
-        let accel = unit.accel_matrix * force + unit.accel_bias + self.random.vector() * unit.accel_noise * noise;
+        let accel =
+            unit.accel_matrix * force + unit.accel_bias + self.random.vector() * unit.accel_noise * noise;
         let (gyro_limit, accel_limit) = (DVec3::splat(unit.gyro_range), DVec3::splat(unit.accel_range));
         let (gyro, accel) = (gyro.clamp(-gyro_limit, gyro_limit), accel.clamp(-accel_limit, accel_limit));
         if time >= self.mag_due {

@@ -1,0 +1,3 @@
+//! The program's commands: arguments, and what they do.
+
+pub mod tracker;
