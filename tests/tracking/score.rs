@@ -9,6 +9,13 @@ use std::fmt;
 /// Seconds ahead at which predictions are scored.
 pub const AHEAD: [f64; 4] = [0.02, 0.04, 0.06, 0.1];
 
+/// One report in so many is scored.
+const EVERY: usize = 5;
+/// Drift is counted from the mean yaw of so many scores: about five seconds.
+const START_SAMPLES: u32 = 500;
+/// Drift as distinct from errors that come and go with the pose is the mean of so many: ten seconds.
+const DRIFT_SAMPLES: u32 = 1000;
+
 /// Angles in degrees.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Series {
@@ -41,9 +48,15 @@ impl Series {
 pub struct Errors {
     pub tilt: Series,
     pub after_motion: Series,
+    /// Yaw's drift at each moment.
     pub yaw: Series,
+    /// The means of yaw's drift over [`DRIFT_SAMPLES`].
+    pub drift: Series,
     pub predicted: [Series; 4],
-    yaw_at_start: Option<f64>,
+    /// Sum and number of the yaws that the drift is counted from.
+    start: (f64, u32),
+    /// The same of the drifts that the next mean is taken of.
+    recent: (f64, u32),
 }
 
 /// The angle between where gravity is and where it is thought to be, degrees.
@@ -60,7 +73,7 @@ pub fn yaw(estimate: DQuat, truth: DQuat) -> f64 {
 
 impl Errors {
     pub fn begin(&mut self) {
-        self.yaw_at_start = None;
+        (self.start, self.recent) = ((0.0, 0), (0.0, 0));
     }
 
     pub fn score(&mut self, estimate: DQuat, truth: DQuat, after_motion: bool) {
@@ -70,8 +83,18 @@ impl Errors {
             self.after_motion.add(tilt);
         }
         let yaw = yaw(estimate, truth);
-        let drift = yaw - *self.yaw_at_start.get_or_insert(yaw);
-        self.yaw.add(drift - 360.0 * (drift / 360.0).round());
+        if self.start.1 < START_SAMPLES {
+            self.start = (self.start.0 + yaw, self.start.1 + 1);
+            return;
+        }
+        let drift = yaw - self.start.0 / f64::from(START_SAMPLES);
+        let drift = drift - 360.0 * (drift / 360.0).round();
+        self.yaw.add(drift);
+        self.recent = (self.recent.0 + drift, self.recent.1 + 1);
+        if self.recent.1 == DRIFT_SAMPLES {
+            self.drift.add(self.recent.0 / f64::from(DRIFT_SAMPLES));
+            self.recent = (0.0, 0);
+        }
     }
 
     fn score_prediction(&mut self, which: usize, predicted: DQuat, truth: DQuat) {
@@ -139,7 +162,7 @@ impl Contest {
             libovr.report(&frame.report);
             openhmd.report(&frame.report);
             let after = after_motion.look(&frame);
-            if frame.time < scored_from || index % 5 != 0 {
+            if frame.time < scored_from || index % EVERY != 0 {
                 continue;
             }
             self.ours.score(ours.orientation(), frame.truth, after);

@@ -359,6 +359,7 @@ impl Reader {
             let kept =
                 self.memory.as_deref().and_then(|folder| load(&keepsake_path(folder, &identity.serial)));
             state.fusion = kept.as_ref().map_or_else(Fusion::new, Fusion::resume);
+            state.fusion.expect_auto_zero();
         }
         state.clock = HostClock::default();
         state.identity = identity;

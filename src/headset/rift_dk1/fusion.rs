@@ -16,7 +16,7 @@ pub use yaw::YawSource;
 
 use super::clock::{Continuity, DeviceClock, Placement};
 use super::report::SensorReport;
-use bias::Stillness;
+use bias::{FirmwareZero, Stillness};
 use glam::{DQuat, DVec3};
 use magnetometer::Magnetometer;
 use predict::Predictor;
@@ -55,6 +55,7 @@ pub struct Fusion {
     state: State,
     tilt: Tilt,
     stillness: Stillness,
+    firmware_zero: FirmwareZero,
     magnetometer: Magnetometer,
     yaw: Yaw,
     predictor: Predictor,
@@ -73,6 +74,7 @@ impl Default for Fusion {
             state: State::new(),
             tilt: Tilt::default(),
             stillness: Stillness::default(),
+            firmware_zero: FirmwareZero::default(),
             magnetometer: Magnetometer::default(),
             yaw: Yaw::default(),
             predictor: Predictor::default(),
@@ -101,6 +103,11 @@ impl Fusion {
             fusion.yaw = Yaw::with_calibration(calibration);
         }
         fusion
+    }
+
+    /// Says that the tracker was told to correct its gyroscopes' zero itself, as it does by default.
+    pub fn expect_auto_zero(&mut self) {
+        self.state.expect_shifts();
     }
 
     /// What to keep for the next run.
@@ -226,6 +233,10 @@ impl Fusion {
         }
         self.state.integrate(rate, 0.5 * seconds);
         self.stillness.add(&mut self.state, rate, seconds);
+        if let Some(mean) = self.firmware_zero.add(rate, seconds) {
+            self.state.shift_zero(mean);
+            self.stillness.interrupt();
+        }
         self.predictor.add(corrected, seconds);
         let clips = rate.abs().max_element() > tuning::GYRO_CLIPS;
         if clips {

@@ -5,6 +5,7 @@
 //! sent: averaged reports when the endpoint was busy, jumps of the timestamp after long stalls,
 //! wraps, and holes where reports were lost on the host.
 
+mod auto_zero;
 mod motion;
 mod random;
 mod stream;
@@ -41,6 +42,8 @@ pub struct Unit {
     pub accel_noise: f64,
     /// Greatest specific force that is measured on an axis, m/s^2.
     pub accel_range: f64,
+    /// The firmware corrects the gyroscope's zero when it believes the tracker to be still.
+    pub auto_zero: bool,
     /// Field of the headset itself in gauss, body frame.
     pub hard_iron: DVec3,
     /// What the headset and the magnetometer make of a field.
@@ -65,6 +68,7 @@ impl Unit {
             accel_matrix: DMat3::IDENTITY,
             accel_noise: 0.0,
             accel_range: 2.0 * GRAVITY,
+            auto_zero: false,
             hard_iron: DVec3::ZERO,
             soft_iron: DMat3::IDENTITY,
             mag_noise: 0.0,

@@ -82,3 +82,43 @@ impl Stillness {
         state.update(&measurements, |_| false);
     }
 }
+
+/// Greatest smoothed rate of what the tracker's firmware takes for stillness, and greatest distance
+/// from the running mean, rad/s.
+const FIRMWARE_SLOW: f64 = 0.349;
+const FIRMWARE_NEAR: f64 = 0.03;
+/// Seconds after which it sets its zero, and after which a broken stillness is used.
+const FIRMWARE_FULL: f64 = 6.0;
+const FIRMWARE_USABLE: f64 = 3.0;
+/// Time constant of its smoothing, s; not documented.
+const FIRMWARE_SMOOTHING: f64 = 0.03;
+
+/// Follows the tracker's own correction of its zero, which takes a quiet head for a table and then
+/// shifts the zero by the head's mean rate. The rule is the firmware's; see the sources of the report's
+/// layout.
+#[derive(Clone, Debug, Default)]
+pub struct FirmwareZero {
+    smooth: DVec3,
+    sum: DVec3,
+    time: f64,
+}
+
+impl FirmwareZero {
+    /// Takes up `seconds` of a rate as it was sent (rad/s, body frame); by what the zero shifts after it.
+    pub fn add(&mut self, sent: DVec3, seconds: f64) -> Option<DVec3> {
+        self.smooth += (sent - self.smooth) * (seconds / (FIRMWARE_SMOOTHING + seconds));
+        let mean = if self.time > 0.0 { self.sum / self.time } else { self.smooth };
+        let still = self.smooth.abs().max_element() < FIRMWARE_SLOW
+            && (self.smooth - mean).abs().max_element() < FIRMWARE_NEAR;
+        if still {
+            self.sum += sent * seconds;
+            self.time += seconds;
+        }
+        let shifts = self.time >= if still { FIRMWARE_FULL } else { FIRMWARE_USABLE };
+        let shift = shifts.then(|| self.sum / self.time);
+        if !still || shifts {
+            *self = FirmwareZero { smooth: self.smooth, ..FirmwareZero::default() };
+        }
+        shift
+    }
+}

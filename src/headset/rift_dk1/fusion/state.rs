@@ -14,7 +14,7 @@ use super::tuning;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Number of estimated quantities.
-pub const SIZE: usize = 30;
+pub const SIZE: usize = 31;
 /// First index of the orientation's error (world frame, rad).
 pub const TURN: usize = 0;
 /// First index of the gyroscope's zero (rad/s).
@@ -27,6 +27,8 @@ pub const FIELD: usize = 15;
 pub const HARD: usize = 18;
 /// First index of the soft iron, by rows.
 pub const SOFT: usize = 21;
+/// Index of the share of the shifts that are expected of the gyroscope's zero and really happen.
+pub const SHARE: usize = 30;
 
 /// A number for each estimated quantity.
 pub type Row = [f64; SIZE];
@@ -46,6 +48,8 @@ pub struct State {
     pub hard: DVec3,
     /// Soft iron: what the magnetometer makes of a field beyond the field itself.
     pub soft: DMat3,
+    /// The share of an expected shift of the zero by which it shifts; see [`Self::shift_zero`].
+    pub share: f64,
     covariance: Box<[Row; SIZE]>,
     /// Since the last propagation: the integral of R, that of R times each component of the rate, the
     /// variance added to the orientation, and the time.
@@ -65,6 +69,7 @@ impl State {
             field: DVec3::ZERO,
             hard: DVec3::ZERO,
             soft: DMat3::ZERO,
+            share: 0.0,
             covariance: Box::new([[0.0; SIZE]; SIZE]),
             turned: DMat3::ZERO,
             turned_by_rate: [DMat3::ZERO; 3],
@@ -76,6 +81,7 @@ impl State {
             state.set_variance(TURN + axis, tilt * tilt);
             state.set_variance(BIAS + axis, tuning::BIAS_PRIOR.powi(2));
         }
+        state.set_variance(SHARE, tuning::SHARE_PRIOR.powi(2));
         for entry in 0..9 {
             let sigma = if entry % 4 == 0 { tuning::SCALE_PRIOR } else { tuning::SKEW_PRIOR };
             state.set_variance(GAIN + entry, sigma * sigma);
@@ -94,6 +100,40 @@ impl State {
     /// The true rate, as far as is known, of a measured one, rad/s.
     pub fn corrected(&self, rate: DVec3) -> DVec3 {
         rate - self.bias - self.gain * rate
+    }
+
+    /// Says that the tracker was told to correct its own zero.
+    pub fn expect_shifts(&mut self) {
+        self.share = 1.0;
+        self.set_variance(SHARE, tuning::EXPECTED_SHARE_PRIOR.powi(2));
+    }
+
+    /// Says that the tracker, by its firmware's rule, has just taken `mean` (rad/s) off its gyroscopes'
+    /// zero. Whether this unit does so is learned: the share of the shift that happens is estimated
+    /// like everything else.
+    pub fn shift_zero(&mut self, mean: DVec3) {
+        self.propagate();
+        self.bias -= self.share * mean;
+        for axis in 0..3 {
+            let source = self.covariance[SHARE];
+            self.covariance[BIAS + axis]
+                .iter_mut()
+                .zip(source)
+                .for_each(|(entry, s)| *entry -= mean[axis] * s);
+        }
+        for line in self.covariance.iter_mut() {
+            for axis in 0..3 {
+                line[BIAS + axis] -= mean[axis] * line[SHARE];
+            }
+        }
+        let doubt = (tuning::SHIFT_DOUBT * mean.length()).powi(2);
+        (0..3).for_each(|axis| self.covariance[BIAS + axis][BIAS + axis] += doubt);
+    }
+
+    /// Admits more doubt about yaw (rad) and the gyroscope's zero (rad/s) than was thought.
+    pub fn doubt_yaw(&mut self, yaw: f64, bias: f64) {
+        self.covariance[TURN + 1][TURN + 1] += yaw * yaw;
+        (0..3).for_each(|axis| self.covariance[BIAS + axis][BIAS + axis] += bias * bias);
     }
 
     /// Turns the orientation by a measured rate over some seconds.
@@ -241,6 +281,7 @@ impl State {
         self.field += vector(FIELD);
         self.hard += vector(HARD);
         self.soft += matrix(SOFT);
+        self.share = (self.share + correction[SHARE]).clamp(0.0, 1.0);
     }
 }
 

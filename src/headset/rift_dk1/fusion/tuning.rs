@@ -11,6 +11,12 @@ pub const TILT_PRIOR: f64 = 0.1;
 pub const BIAS_PRIOR: f64 = 0.0175;
 /// Doubt about a zero that an earlier run found, rad/s: a tenth of a degree a second.
 pub const KEPT_BIAS_PRIOR: f64 = 0.001_75;
+/// Doubt about whether a tracker shifts its zero by the firmware's rule, when nothing is known of it
+/// (none is believed at first) and when it was told to (it is believed).
+pub const SHARE_PRIOR: f64 = 0.7;
+pub const EXPECTED_SHARE_PRIOR: f64 = 0.3;
+/// Doubt that an expected shift of the zero leaves, as a share of it.
+pub const SHIFT_DOUBT: f64 = 0.1;
 /// No zero is believed beyond this, rad/s: the MPU-6000's data sheet says 20 deg/s.
 pub const BIAS_LIMIT: f64 = 0.5;
 /// Doubt about the gyroscope's scale: one per cent, half of it the clock of the samples.
@@ -35,7 +41,7 @@ pub const CLIPPED_RATE: f64 = 10.0;
 /// A hole is filled by the rates before and after it up to this, s.
 pub const FILLED_HOLE: f64 = 0.3;
 /// A head's angular acceleration in rad/s^2, for the doubt that a hole leaves.
-pub const HEAD_ACCELERATION: f64 = 4.0;
+pub const HEAD_ACCELERATION: f64 = 15.0;
 
 /// The range of magnetometer values that are believed, gauss on an axis.
 pub const MAG_LIMIT: f64 = 3.2;

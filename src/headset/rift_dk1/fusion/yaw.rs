@@ -22,6 +22,12 @@ const NOISE_TO_FIND: f64 = 0.004;
 const YAW_DOUBT: f64 = 0.026;
 /// Doubt about tilt at which the field says nothing about yaw, rad.
 const TILT_DOUBT: f64 = 0.05;
+/// Seconds for which a turn must explain the field before yaw is doubted, and the greatest such turn.
+const TURNED: f64 = 1.0;
+const GREATEST_TURN: f64 = 0.06;
+/// Doubt that is then admitted: about yaw, rad, and about the gyroscope's zero, rad/s.
+const TURN_DOUBT: f64 = 0.04;
+const ZERO_DOUBT: f64 = 0.003;
 /// The greatest sum of three squared normal residuals that is explained (99.9 %).
 const EXPLAINED: f64 = 16.0;
 /// Seconds of explained blocks after a disturbance before they are used again.
@@ -59,6 +65,7 @@ pub struct Yaw {
     kept: Option<MagneticCalibration>,
     calibrated: bool,
     disturbed_for: f64,
+    turned_for: f64,
     probation: f64,
     steady_for: f64,
     steady_field: DVec3,
@@ -117,7 +124,7 @@ impl Yaw {
     fn begin(&mut self, state: &mut State) {
         (state.field, state.hard, state.soft) = (self.scout.field(), self.scout.hard_iron(), DMat3::ZERO);
         state.set_variance(TURN + 1, 1e-6);
-        for index in FIELD..SIZE {
+        for index in FIELD..SOFT + 9 {
             state.set_variance(index, SOFT_PRIOR * SOFT_PRIOR);
         }
         for (row, line) in self.scout.covariance().iter().enumerate() {
@@ -136,7 +143,7 @@ impl Yaw {
             state.set_variance(FIELD + axis, 1.0);
             state.set_variance(HARD + axis, kept.hard_iron_doubt[axis].max(0.002).powi(2));
         }
-        for index in SOFT..SIZE {
+        for index in SOFT..SOFT + 9 {
             state.set_variance(index, kept.soft_iron_doubt.powi(2));
         }
         state.set_variance(TURN + 1, 1e-6);
@@ -151,6 +158,8 @@ impl Yaw {
         let field = state.field;
         if surprise(state, block, field) < EXPLAINED {
             self.undisturbed(state, block);
+        } else if self.turned(state, block) {
+            take(state, block);
         } else if let Some(index) = self.known_reference(state, block) {
             self.take_back(state, block, index);
         } else {
@@ -163,9 +172,26 @@ impl Yaw {
         if self.probation > 0.0 {
             return;
         }
-        self.disturbed_for = 0.0;
+        (self.disturbed_for, self.turned_for) = (0.0, 0.0);
         self.scout = Scout::default();
         take(state, block);
+    }
+
+    /// True when for some time a small error of yaw has explained what the filter cannot: then it is too
+    /// sure of the gyroscope's zero. A disturbance changes strength and dip as well, and soon exceeds
+    /// a small turn.
+    fn turned(&mut self, state: &mut State, block: &Block) -> bool {
+        if !is_turned(state, block) {
+            self.turned_for = 0.0;
+            return false;
+        }
+        self.turned_for += block.seconds;
+        if self.turned_for < TURNED {
+            return false;
+        }
+        (self.turned_for, self.disturbed_for, self.probation) = (0.0, 0.0, 0.0);
+        state.doubt_yaw(TURN_DOUBT, ZERO_DOUBT);
+        true
     }
 
     fn known_reference(&self, state: &State, block: &Block) -> Option<usize> {
@@ -197,7 +223,9 @@ impl Yaw {
         if self.disturbed_for < NEW_REFERENCE {
             return;
         }
-        if self.steady_for > STEADY {
+        if is_alike(state.field, field) && find_yaw(state, block) {
+            (self.disturbed_for, self.probation) = (0.0, 0.0);
+        } else if self.steady_for > STEADY {
             self.references.insert(0, state.field);
             self.references.truncate(REFERENCES);
             let field = self.steady_field;
@@ -258,6 +286,18 @@ fn surprise(state: &State, block: &Block, field: DVec3) -> f64 {
     measure(state, block, field).iter().map(normal).sum()
 }
 
+/// True when a small turn about the vertical explains a block.
+fn is_turned(state: &State, block: &Block) -> bool {
+    let rows = measure(state, block, state.field);
+    let by_yaw = DVec3::from_array([0, 1, 2].map(|axis| rows[axis].1[TURN + 1]));
+    let residual = DVec3::from_array([0, 1, 2].map(|axis| rows[axis].0));
+    let turn = by_yaw.dot(residual) / by_yaw.length_squared().max(1e-9);
+    let rest = residual - turn * by_yaw;
+    let noise = NOISE_TO_JUDGE.powi(2) + block.smear.powi(2);
+    let surprise: f64 = (0..3).map(|axis| rest[axis].powi(2) / (state.variance(&rows[axis].1) + noise)).sum();
+    turn.abs() < GREATEST_TURN && surprise < EXPLAINED
+}
+
 fn take(state: &mut State, block: &Block) {
     let doubtful = state.variance_of(TURN + 1) > YAW_DOUBT * YAW_DOUBT;
     let base: f64 = if doubtful { NOISE_TO_FIND } else { NOISE };
@@ -265,6 +305,11 @@ fn take(state: &mut State, block: &Block) {
     let field = state.field;
     let measurements = measure(state, block, field).map(|(residual, jacobian)| (residual, jacobian, noise));
     state.update(&measurements, |index| index == TURN || index == TURN + 2);
+}
+
+/// True when two fields have the same strength and dip: then it is yaw that was lost.
+fn is_alike(a: DVec3, b: DVec3) -> bool {
+    (a.x.hypot(a.z) - b.x.hypot(b.z)).abs() < STEADINESS && (a.y - b.y).abs() < STEADINESS
 }
 
 /// Sets yaw by the field after it was lost, if the field is the reference's in strength and dip.

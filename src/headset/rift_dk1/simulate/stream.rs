@@ -1,5 +1,6 @@
 //! What the firmware makes of the samples, and what of it reaches the host.
 
+use super::auto_zero::AutoZero;
 use super::{GRAVITY, HeadMotion, Random, Surroundings, Unit};
 use crate::headset::rift_dk1::report::{
     ACCEL_UNIT, GYRO_UNIT, MAG_UNIT, MAX_SAMPLE_COUNT, RawSample, SensorReport,
@@ -65,6 +66,7 @@ pub struct Stream {
     /// The newest sample's time in ms.
     now: u64,
     bias_walk: DVec3,
+    auto_zero: AutoZero,
     mag: [i16; 3],
     mag_due: f64,
     stalls_done: usize,
@@ -90,6 +92,7 @@ impl Stream {
             coarseness: 1,
             now: 0,
             bias_walk: DVec3::ZERO,
+            auto_zero: AutoZero::default(),
             mag: [0; 3],
             mag_due: 0.0,
             stalls_done: 0,
@@ -193,6 +196,7 @@ impl Stream {
             unit.accel_matrix * force + unit.accel_bias + self.random.vector() * unit.accel_noise * noise;
         let (gyro_limit, accel_limit) = (DVec3::splat(unit.gyro_range), DVec3::splat(unit.accel_range));
         let (gyro, accel) = (gyro.clamp(-gyro_limit, gyro_limit), accel.clamp(-accel_limit, accel_limit));
+        let gyro = if unit.auto_zero { self.auto_zero.apply(gyro, length) } else { gyro };
         if time >= self.mag_due {
             self.mag_due = (time + 1e-9).max(self.mag_due + 1.0 / 220.0);
             self.mag = self.magnetometer(time, after.rotation);
