@@ -10,6 +10,9 @@ mod tilt;
 mod tuning;
 mod yaw;
 
+#[cfg(test)]
+mod tests;
+
 pub use calibration::MagneticCalibration;
 pub use predict::LONGEST as LONGEST_PREDICTION;
 pub use yaw::YawSource;
@@ -201,6 +204,9 @@ impl Fusion {
         }
         self.begun = true;
         self.measured = first_rate(report).unwrap_or(DVec3::ZERO);
+        // A force that is not gravity's alone may point anywhere.
+        let excess = (force.length() / f64::from(report.sample_count.min(3)) / tuning::GRAVITY - 1.0).abs();
+        self.state.add_doubt((2.0 * excess).min(1.0));
         self.state.world_from_body = DQuat::from_rotation_arc(force.normalize(), DVec3::Y);
         let level = DQuat::from_rotation_y(-heading(self.state.world_from_body));
         self.state.world_from_body = (level * self.state.world_from_body).normalize();
@@ -232,7 +238,7 @@ impl Fusion {
             self.tilt_windows = self.tilt_windows.saturating_add(1);
         }
         self.state.integrate(rate, 0.5 * seconds);
-        self.stillness.add(&mut self.state, rate, seconds);
+        self.stillness.add(&mut self.state, rate, force, seconds);
         if let Some(mean) = self.firmware_zero.add(rate, seconds) {
             self.state.shift_zero(mean);
             self.stillness.interrupt();
@@ -249,6 +255,7 @@ impl Fusion {
         let seconds = f64::from(report.sample_count) * 1e-3;
         let rate = self.angular_velocity();
         let orientation = self.state.world_from_body;
+        self.stillness.witness(report.magnetic_field());
         if let Some(block) = self.magnetometer.add(report.magnetic_field(), orientation, rate, seconds) {
             self.yaw.add(&mut self.state, &block, self.tilt_windows >= SETTLED);
         }

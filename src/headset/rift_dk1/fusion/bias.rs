@@ -15,26 +15,57 @@ const BLOCKS: usize = 20;
 const STILL: f64 = 8e-4;
 /// The mean may differ from what is known of the zero by its doubt and this, rad/s.
 const SLOW_TURN: f64 = 0.009;
+/// That doubt counts up to this while no magnetometer bears witness to stillness, rad/s: a steady turn
+/// about the vertical looks like a zero.
+const UNWITNESSED: f64 = 0.0175;
+/// Gravity, as a share, and the magnetic field, in gauss, that may change between the halves of a
+/// second in which nothing turns.
+const GRAVITY_CHANGE: f64 = 0.005;
+const FIELD_CHANGE: f64 = 0.0025;
 /// Standard deviation of a second's mean, rad/s (0.006 deg/s).
 const MEAN_DOUBT: f64 = 1e-4;
 /// A residual of so many standard deviations is a new zero: the tracker sets its own when it has been
 /// still for six seconds.
 const JUMP: f64 = 5.0;
 
-/// Looks for stillness in the rates.
+/// The means of a vector over the halves of a window.
+#[derive(Clone, Copy, Debug, Default)]
+struct Halves {
+    sums: [DVec3; 2],
+    weights: [f64; 2],
+}
+
+impl Halves {
+    fn add(&mut self, second: bool, value: DVec3, weight: f64) {
+        self.sums[usize::from(second)] += value * weight;
+        self.weights[usize::from(second)] += weight;
+    }
+
+    /// The change from half to half and the mean's length; `None` when a half is empty.
+    fn change(&self) -> Option<(f64, f64)> {
+        let [a, b] = self.weights;
+        let [first, second] = [self.sums[0] / a, self.sums[1] / b];
+        (a > 0.0 && b > 0.0).then(|| ((second - first).length(), first.length()))
+    }
+}
+
+/// Looks for stillness in the rates, with gravity and the magnetic field as witnesses.
 #[derive(Clone, Debug, Default)]
 pub struct Stillness {
     sum: DVec3,
     time: f64,
     blocks: Vec<DVec3>,
+    force: Halves,
+    field: Halves,
     still: bool,
 }
 
 impl Stillness {
-    /// Takes up `seconds` of a measured rate (rad/s, body frame).
-    pub fn add(&mut self, state: &mut State, measured: DVec3, seconds: f64) {
+    /// Takes up `seconds` of a measured rate (rad/s) and specific force (m/s^2), body frame.
+    pub fn add(&mut self, state: &mut State, measured: DVec3, force: DVec3, seconds: f64) {
         self.sum += measured * seconds;
         self.time += seconds;
+        self.force.add(self.in_second_half(), force, seconds);
         if self.time < BLOCK {
             return;
         }
@@ -42,7 +73,14 @@ impl Stillness {
         (self.sum, self.time) = (DVec3::ZERO, 0.0);
         if self.blocks.len() >= BLOCKS {
             self.close(state);
-            self.blocks.clear();
+            *self = Stillness { still: self.still, ..Stillness::default() };
+        }
+    }
+
+    /// Takes up a magnetic field (gauss, body frame); zero where there is no magnetometer.
+    pub fn witness(&mut self, field: DVec3) {
+        if field != DVec3::ZERO {
+            self.field.add(self.in_second_half(), field, 1.0);
         }
     }
 
@@ -56,31 +94,42 @@ impl Stillness {
         self.still
     }
 
+    fn in_second_half(&self) -> bool {
+        self.blocks.len() >= BLOCKS / 2
+    }
+
     fn close(&mut self, state: &mut State) {
         let count = self.blocks.len() as f64;
         let mean = self.blocks.iter().sum::<DVec3>() / count;
         let variance = self.blocks.iter().map(|block| (block - mean).powf(2.0)).sum::<DVec3>() / count;
         let residual = state.corrected(mean);
-        let sigma = (0..3).map(|axis| state.variance_of(BIAS + axis)).fold(0.0, f64::max).sqrt();
-        let credible = residual.abs().max_element() < SLOW_TURN + 3.0 * sigma;
-        self.still = credible && variance.max_element() < STILL * STILL;
-        if !self.still {
-            return;
+        let steady = self.force.change().is_some_and(|(change, length)| change < GRAVITY_CHANGE * length);
+        let moved = self.field.change().is_some_and(|(change, _)| change > FIELD_CHANGE);
+        let doubt = (0..3).map(|axis| state.variance_of(BIAS + axis)).fold(0.0, f64::max).sqrt() * 3.0;
+        let doubt = if self.field.change().is_some() { doubt } else { doubt.min(UNWITNESSED) };
+        let credible = residual.abs().max_element() < SLOW_TURN + doubt;
+        self.still = credible && steady && !moved && variance.max_element() < STILL * STILL;
+        if self.still {
+            take_mean(state, residual);
         }
-        state.propagate();
-        for axis in 0..3 {
-            let expected = state.variance_of(BIAS + axis) + MEAN_DOUBT * MEAN_DOUBT;
-            if residual[axis].powi(2) > JUMP * JUMP * expected {
-                state.set_variance(BIAS + axis, residual[axis].powi(2));
-            }
-        }
-        let measurements = std::array::from_fn::<_, 3, _>(|axis| {
-            let mut jacobian = [0.0; SIZE];
-            jacobian[BIAS + axis] = 1.0;
-            (residual[axis], jacobian, MEAN_DOUBT * MEAN_DOUBT)
-        });
-        state.update(&measurements, |_| false);
     }
+}
+
+/// The rate that is left of a still headset is an error of the zero.
+fn take_mean(state: &mut State, residual: DVec3) {
+    state.propagate();
+    for axis in 0..3 {
+        let expected = state.variance_of(BIAS + axis) + MEAN_DOUBT * MEAN_DOUBT;
+        if residual[axis].powi(2) > JUMP * JUMP * expected {
+            state.set_variance(BIAS + axis, residual[axis].powi(2));
+        }
+    }
+    let measurements = std::array::from_fn::<_, 3, _>(|axis| {
+        let mut jacobian = [0.0; SIZE];
+        jacobian[BIAS + axis] = 1.0;
+        (residual[axis], jacobian, MEAN_DOUBT * MEAN_DOUBT)
+    });
+    state.update(&measurements, |_| false);
 }
 
 /// Greatest smoothed rate of what the tracker's firmware takes for stillness, and greatest distance

@@ -112,8 +112,9 @@ impl HeadMotion {
 
     /// The head at a time: orientation, and the tracker's position.
     pub fn pose(&self, time: f64) -> Pose {
-        let sway = if self.delay > 0.0 { self.sway * smooth(time - self.delay) } else { self.sway };
-        let time = (time - self.delay).max(0.0);
+        let rests = self.delay > 0.0;
+        let sway = if rests { self.sway * smooth(time - self.delay) } else { self.sway };
+        let time = if rests { (time - self.delay).max(0.0) } else { time };
         let (mut angles, mut base) = self.turned(time);
         angles += sway * sway_angles(time);
         base += sway * sway_base(time);
