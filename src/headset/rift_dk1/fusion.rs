@@ -226,6 +226,9 @@ impl Fusion {
         let change = 0.15 * (next - self.measured).length();
         let doubt = seconds * (change + tuning::HEAD_ACCELERATION * seconds / 8.0);
         self.state.add_doubt(doubt.min(1.0));
+        if missing > tuning::LONG_HOLE {
+            self.yaw.suspect();
+        }
         self.predictor.add(self.state.corrected(next), filled);
     }
 

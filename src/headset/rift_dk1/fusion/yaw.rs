@@ -14,7 +14,7 @@ use glam::{DMat3, DQuat, DVec3};
 const SOFT_PRIOR: f64 = 0.05;
 /// Standard deviation of a block as the filter takes it: fields in rooms differ from place to place,
 /// and blocks are not independent; gauss.
-const NOISE: f64 = 0.008;
+const NOISE: f64 = 0.005;
 /// The same for judging whether a block is explained; gauss.
 const NOISE_TO_JUDGE: f64 = 0.003;
 /// The same while yaw is in doubt by more than [`YAW_DOUBT`] rad: it is to be found soon.
@@ -22,6 +22,8 @@ const NOISE_TO_FIND: f64 = 0.004;
 const YAW_DOUBT: f64 = 0.026;
 /// Doubt about tilt at which the field says nothing about yaw, rad.
 const TILT_DOUBT: f64 = 0.05;
+/// Seconds after a hole for which yaw is suspected rather than the field.
+const SUSPICION: f64 = 10.0;
 /// Seconds for which a turn must explain the field before yaw is doubted, and the greatest such turn.
 const TURNED: f64 = 1.0;
 const GREATEST_TURN: f64 = 0.06;
@@ -66,6 +68,8 @@ pub struct Yaw {
     calibrated: bool,
     disturbed_for: f64,
     turned_for: f64,
+    /// Seconds for which yaw is suspected after a hole in the stream.
+    suspected_for: f64,
     probation: f64,
     steady_for: f64,
     steady_field: DVec3,
@@ -151,13 +155,22 @@ impl Yaw {
         take(state, block);
     }
 
+    /// Says that the head may have turned unseen: for a while a field of the right strength and dip
+    /// that points elsewhere is more likely an error of yaw than a disturbance.
+    pub fn suspect(&mut self) {
+        self.suspected_for = SUSPICION;
+    }
+
     fn correct(&mut self, state: &mut State, block: &Block) {
+        self.suspected_for = (self.suspected_for - block.seconds).max(0.0);
         if state.variance_of(TURN + 1) > LOST * LOST && find_yaw(state, block) {
             return;
         }
         let field = state.field;
         if surprise(state, block, field) < EXPLAINED {
             self.undisturbed(state, block);
+        } else if self.suspected_for > 0.0 && resembles(state, block) && find_yaw(state, block) {
+            (self.disturbed_for, self.probation) = (0.0, 0.0);
         } else if self.turned(state, block) {
             take(state, block);
         } else if let Some(index) = self.known_reference(state, block) {
@@ -305,6 +318,11 @@ fn take(state: &mut State, block: &Block) {
     let field = state.field;
     let measurements = measure(state, block, field).map(|(residual, jacobian)| (residual, jacobian, noise));
     state.update(&measurements, |index| index == TURN || index == TURN + 2);
+}
+
+/// True when a block's field has the reference's strength and dip.
+fn resembles(state: &State, block: &Block) -> bool {
+    world_field(state, block).is_some_and(|field| is_alike(state.field, field))
 }
 
 /// True when two fields have the same strength and dip: then it is yaw that was lost.
