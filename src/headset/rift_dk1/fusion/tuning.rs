@@ -1,7 +1,7 @@
 //! The filter's constants: what is known beforehand of the sensors, of heads and of rooms.
 //!
 //! Each has a physical meaning. Those about doubt were settled by looking at generated streams of the
-//! units 1 to 6 and 101 to 106; `docs/tracking.md` has the figures of units that were not looked at.
+//! some units; `docs/tracking.md` says which, and has the figures of units that were not looked at.
 
 /// Standard gravity in m/s^2.
 pub const GRAVITY: f64 = 9.806_65;
