@@ -40,6 +40,9 @@ static void set_ray(Stream *s, uint i, float3 d, float t_max)
     s->triangle[i] = NONE;
 }
 
+// The lowest lane of eight bytes that are not zero.
+static uint lowest_lane(ulong lanes) { return (63u - (uint)clz(lanes & (0ul - lanes))) >> 3; }
+
 static float8 relative(__global const float *row, float origin, float origin_low)
 {
     return (vload8(0, row) - origin) - origin_low;
@@ -173,10 +176,10 @@ __attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint plac
 #define CLOSEST_FRONT 1
 #define ANY 2
 
-// Tests one ray against a leaf: true where it is hit (ANY), or a nearer hit was stored.
-static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, Stream *s, uint i, uint kind, uint seed)
+// Tests one ray against a leaf: true where it is hit (ANY), or a hit nearer than t_max was stored.
+static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, float3 d, float *t_max, uint *triangle,
+                      uint kind, uint seed)
 {
-    float3 d = (float3)(s->dx[i], s->dy[i], s->dz[i]);
     Lanes u, v, w, t;
     u.vector = fma((float8)d.x, l->ux, fma((float8)d.y, l->uy, d.z * l->uz));
     v.vector = fma((float8)d.x, l->vx, fma((float8)d.y, l->vy, d.z * l->vz));
@@ -193,7 +196,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, Str
     t.vector = (u.vector * ta + v.vector * tb + w.vector * tc) / (u.vector + v.vector + w.vector);
     int8 sure = (least > l->error) | (most < -l->error);
     // Sure lanes out of range are done; open ones get their distance after the verdict.
-    int8 in_range = (t.vector > 0.0f) & (t.vector < s->t_max[i]);
+    int8 in_range = (t.vector > 0.0f) & (t.vector < *t_max);
     int8 left = open & (~sure | in_range);
 #if !HAS_ALPHA
     if (kind == ANY && any(left & sure))
@@ -202,7 +205,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, Str
     ulong lanes = as_ulong(convert_char8(left));
     bool stored = false;
     while (lanes) {
-        uint lane = (uint)(63 - (int)clz(lanes & (0ul - lanes))) >> 3;
+        uint lane = lowest_lane(lanes);
         lanes &= ~(0xfful << (8u * lane));
         float3 volumes = (float3)(u.lane[lane], v.lane[lane], w.lane[lane]);
         float distance = t.lane[lane];
@@ -215,7 +218,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, Str
             distance = (volumes.x * row[lane] + volumes.y * ((const float *)&tb)[lane] +
                         volumes.z * ((const float *)&tc)[lane]) / (volumes.x + volumes.y + volumes.z);
         }
-        if (!(distance > 0.0f && distance < s->t_max[i]))
+        if (!(distance > 0.0f && distance < *t_max))
             continue;
         uint place = first + lane;
 #if HAS_ALPHA
@@ -232,8 +235,8 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, Str
         if (kind == CLOSEST_FRONT && volumes.x + volumes.y + volumes.z < 0.0f &&
             !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED))
             continue;
-        s->t_max[i] = distance;
-        s->triangle[i] = place;
+        *t_max = distance;
+        *triangle = place;
         stored = true;
     }
     return stored;
@@ -258,7 +261,8 @@ __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 or
             while (active) {
                 uint i = lowest_bit(active);
                 active &= active - 1u;
-                if (meet_leaf(scene, &leaf, first, n, s, i, kind, seed))
+                float3 d = (float3)(s->dx[i], s->dy[i], s->dz[i]);
+                if (meet_leaf(scene, &leaf, first, n, d, &s->t_max[i], &s->triangle[i], kind, seed))
                     hits |= 1u << i;
             }
             continue;
