@@ -168,7 +168,8 @@ static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 
         s.geometric = -s.geometric;
         n = -n;
     }
-    // A shading normal that faces away from the viewer is bent until it just does not.
+    // A shading normal that faces away from the viewer is bent until it just does not: reflections of
+    // the view have no density below the surface.
     float facing = dot3(n, d);
     if (facing > -0.01f)
         n = unit_or(n - d * (facing + 0.01f), s.geometric);

@@ -44,11 +44,9 @@ pub fn on_every_device(test: impl Fn(&Device)) {
 }
 
 /// A scene on a device.
-pub struct Bench<'a> {
-    pub scene: &'a Scene,
-    pub environment: &'a Environment,
-    pub bvh: WideBvh,
-    pub tracer: Tracer,
+pub struct Bench {
+    bvh: WideBvh,
+    tracer: Tracer,
     device: Device,
 }
 
@@ -62,15 +60,15 @@ pub struct Picture {
     pub dropped: u32,
 }
 
-impl<'a> Bench<'a> {
-    pub fn new(device: &Device, scene: &'a Scene, environment: &'a Environment) -> Self {
+impl Bench {
+    pub fn new(device: &Device, scene: &Scene, environment: &Environment) -> Self {
         Self::with(device, scene, environment, &EVERYTHING)
     }
 
-    pub fn with(device: &Device, scene: &'a Scene, environment: &'a Environment, features: &Features) -> Self {
+    pub fn with(device: &Device, scene: &Scene, environment: &Environment, features: &Features) -> Self {
         let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
         let tracer = Tracer::with_features(device, scene, &bvh, environment, features).unwrap();
-        Bench { scene, environment, bvh, tracer, device: device.clone() }
+        Bench { bvh, tracer, device: device.clone() }
     }
 
     /// Traces the samples of a pattern.

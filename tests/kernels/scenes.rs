@@ -30,7 +30,7 @@ pub fn metal(color: Vec3, roughness: f32) -> Material {
 }
 
 pub fn triangle(scene: &mut Scene, corners: [Vec3; 3], material: u32) {
-    polygon(scene, &corners, &[Vec2::ZERO, Vec2::X, Vec2::ONE], material);
+    polygon(scene, &corners, &[Vec2::ZERO, Vec2::X, Vec2::ONE]);
     let first = scene.mesh.positions.len() as u32 - 3;
     scene.mesh.triangles.push([first, first + 1, first + 2]);
     scene.mesh.materials.push(material);
@@ -38,13 +38,13 @@ pub fn triangle(scene: &mut Scene, corners: [Vec3; 3], material: u32) {
 
 /// A parallelogram whose corners run counter-clockwise seen from its front; u grows along the first edge.
 pub fn quad(scene: &mut Scene, corners: [Vec3; 4], material: u32) {
-    polygon(scene, &corners, &[Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y], material);
+    polygon(scene, &corners, &[Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y]);
     let first = scene.mesh.positions.len() as u32 - 4;
     scene.mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     scene.mesh.materials.extend([material, material]);
 }
 
-fn polygon(scene: &mut Scene, corners: &[Vec3], uvs: &[Vec2], _material: u32) {
+fn polygon(scene: &mut Scene, corners: &[Vec3], uvs: &[Vec2]) {
     let (along, other) = ((corners[1] - corners[0]).as_dvec3(), (corners[2] - corners[0]).as_dvec3());
     let normal = along.cross(other).try_normalize().unwrap_or(DVec3::Y).as_vec3();
     let tangent = along.try_normalize().unwrap_or(DVec3::X).as_vec3().extend(1.0);
