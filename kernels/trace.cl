@@ -1,38 +1,26 @@
-// Camera rays: the first hit of every pixel, or of every sample. One work-item traces 32 rays.
+// Camera rays: the first hit of every pixel, or of every sample.
 
-static void trace_camera_rays(const Scene *scene, const Camera *camera, Stream *s, uint mask)
-{
-    trace_stream(scene, load3(camera->origin), load3(camera->origin_low), s, mask, CLOSEST_FRONT, camera->seed);
-}
-
-// hits[y * width + x] for all pixels from row `first_row` on; a work-item takes 8 by 4 of them.
+// hits[y * width + x] for all pixels from row `first_row` on; a work-item takes 8 by 8 of them.
 __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, uint first_row, uint rows, __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint across = (camera.width + 7u) / 8u;
+    uint across = (camera.width + BLOCK - 1u) / BLOCK;
     uint item = (uint)get_global_id(0);
-    uint left = item % across * 8u, top = item / across * 4u;
-    Stream s;
-    uint mask = 0;
-    for (uint i = 0; i < 32u; ++i) {
-        uint x = left + (i & 7u), y = top + (i >> 3);
-        if (x >= camera.width || y >= rows)
-            continue;
-        mask |= 1u << i;
-        set_ray(&s, i, camera_ray(&camera, x, first_row + y), INFINITY);
-    }
-    if (!mask)
+    uint left = item % across * BLOCK, top = item / across * BLOCK;
+    if (top >= rows)
         return;
-    trace_camera_rays(&scene, &camera, &s, mask);
-    for (uint i = 0; i < 32u; ++i)
-        if (mask >> i & 1u) {
-            uint x = left + (i & 7u), y = first_row + top + (i >> 3);
-            HitRecord hit = {s.triangle[i], s.t_max[i]};
-            hits[y * camera.width + x] = hit;
+    Block block;
+    set_block(&block, &camera, left, first_row + top);
+    trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, camera.seed);
+    uint columns = min(camera.width - left, BLOCK), lines = min(rows - top, BLOCK);
+    for (uint y = 0; y < lines; ++y)
+        for (uint x = 0; x < columns; ++x) {
+            HitRecord hit = {((uint *)&block.triangle[y])[x], ((float *)&block.t_max[y])[x]};
+            hits[(first_row + top + y) * camera.width + left + x] = hit;
         }
 }
 
-// hits[first + i] for samples first .. first + count.
+// hits[first + i] for samples first .. first + count; a work-item takes 32 of them.
 __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count,
                             __global HitRecord *hits)
 {
@@ -46,7 +34,8 @@ __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint
         uint at = samples[first + begin + i];
         set_ray(&s, i, camera_ray(&camera, at & 0xffffu, at >> 16), INFINITY);
     }
-    trace_camera_rays(&scene, &camera, &s, n == 32u ? 0xffffffffu : (1u << n) - 1u);
+    trace_stream(&scene, load3(camera.origin), load3(camera.origin_low), &s, n == 32u ? 0xffffffffu : (1u << n) - 1u,
+                 CLOSEST_FRONT, camera.seed);
     for (uint i = 0; i < n; ++i) {
         HitRecord hit = {s.triangle[i], s.t_max[i]};
         hits[first + begin + i] = hit;

@@ -14,6 +14,9 @@ use super::source;
 /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
 const GROUP: usize = 8;
 
+/// Pixels across and down that a work-item of `trace_pixels` takes: `BLOCK` of frustum.h.
+const BLOCK: u32 = 8;
+
 /// How samples are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -175,6 +178,21 @@ impl Tracer {
         })
     }
 
+    /// The first `count` camera rays' hits of the last trace that was finished: of all pixels row after
+    /// row where it was guided, else of the pattern's samples. A hit names its triangle by its place in
+    /// [`WideBvh::order`].
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    ///
+    /// # Panics
+    /// If that trace had fewer camera rays.
+    pub fn hits(&self, count: usize) -> Result<Vec<HitRecord>> {
+        let mut hits = vec![HitRecord::default(); count];
+        self.hits.read(&mut hits)?;
+        Ok(hits)
+    }
+
     fn trace_all_pixels(
         &self,
         view: &View,
@@ -184,7 +202,7 @@ impl Tracer {
     ) -> Result<Vec<Event>> {
         let mut args = self.scene.args();
         args.extend([Arg::value(camera), Arg::U32(0), Arg::U32(view.height), Arg::buffer(&self.hits)]);
-        let blocks = view.width.div_ceil(8) as usize * view.height.div_ceil(4) as usize;
+        let blocks = view.width.div_ceil(BLOCK) as usize * view.height.div_ceil(BLOCK) as usize;
         let trace = self.trace_pixels.launch(&args, blocks, GROUP)?;
         let mut args = self.scene.args();
         args.extend([
@@ -258,3 +276,6 @@ fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Came
         jitter: u32::from(settings.jitter),
     }
 }
+
+#[cfg(test)]
+mod tests;

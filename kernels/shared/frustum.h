@@ -1,0 +1,227 @@
+// Walking the eight-wide tree with a block of camera rays: 8 by 8 pixels, all from the eye.
+//
+// Boxes are tested against the block as a whole: against the four planes through the eye that bound
+// its pixels, and against the farthest hit that its rays have yet. Triangles that cross the block
+// are then met by eight rays at a time. The hits are those that a stream finds: volumes and distances
+// are computed by the same operations, and whatever rounding leaves open is handed to `meet_leaf`.
+
+#define BLOCK 8u
+
+// By how much the planes stand off the pixels: in pixels, and relative to the direction's length.
+// Both are many times the rounding of directions, normals and box tests.
+#define MARGIN_IN_PIXELS 0.02f
+#define RELATIVE_MARGIN 4.0e-6f
+
+typedef struct {
+    float3 normal;
+    // Places in `box_planes` of the box's corner that lies farthest along the normal.
+    uint inmost[3];
+} Plane;
+
+typedef struct {
+    // Rows of eight rays.
+    float8 dx[BLOCK], dy[BLOCK], dz[BLOCK];
+    float8 t_max[BLOCK];
+    uint8 triangle[BLOCK];
+    // Unit directions along the edges of the frustum; it is their convex cone.
+    float3 edges[4];
+    // Normals point inwards.
+    Plane sides[4];
+    // Across the block's central direction.
+    Plane front;
+} Block;
+
+static Plane plane_along(float3 normal)
+{
+    Plane plane = {normal, {normal.x < 0.0f ? 0u : 1u, normal.y < 0.0f ? 2u : 3u, normal.z < 0.0f ? 4u : 5u}};
+    return plane;
+}
+
+// A box's lower and upper bounds relative to the origin: x, y, z in turn.
+static void box_planes(__global const WideNode *node, float3 origin, float3 low, float8 planes[6])
+{
+    planes[0] = relative(node->lower[0], origin.x, low.x);
+    planes[1] = relative(node->upper[0], origin.x, low.x);
+    planes[2] = relative(node->lower[1], origin.y, low.y);
+    planes[3] = relative(node->upper[1], origin.y, low.y);
+    planes[4] = relative(node->lower[2], origin.z, low.z);
+    planes[5] = relative(node->upper[2], origin.z, low.z);
+}
+
+// For each box its largest (flip 0) or smallest (flip 1) distance along a plane's normal.
+static float8 along(const Plane *plane, const float8 planes[6], uint flip)
+{
+    return fma((float8)plane->normal.x, planes[plane->inmost[0] ^ flip],
+               fma((float8)plane->normal.y, planes[plane->inmost[1] ^ flip],
+                   plane->normal.z * planes[plane->inmost[2] ^ flip]));
+}
+
+// The block of pixels from (left, top) on: its rays, some of which may lie outside the picture.
+static void set_block(Block *b, const Camera *camera, uint left, uint top)
+{
+    for (uint y = 0; y < BLOCK; ++y) {
+        for (uint x = 0; x < BLOCK; ++x) {
+            float3 d = camera_ray(camera, left + x, top + y);
+            ((float *)&b->dx[y])[x] = d.x;
+            ((float *)&b->dy[y])[x] = d.y;
+            ((float *)&b->dz[y])[x] = d.z;
+        }
+        b->t_max[y] = INFINITY;
+        b->triangle[y] = NONE;
+    }
+    float2 step = (float2)(camera->step[0], camera->step[1]), corner = (float2)(camera->corner[0], camera->corner[1]);
+    float2 from = fma((float2)(left, top), step, corner), to = fma((float2)(left + BLOCK, top + BLOCK), step, corner);
+    float2 margin = fabs(step) * MARGIN_IN_PIXELS + (max(fabs(from), fabs(to)) + 1.0f) * RELATIVE_MARGIN;
+    float2 least = min(from, to) - margin, most = max(from, to) + margin;
+    float3 right = load3(camera->rotation[0]), up = load3(camera->rotation[1]), back = load3(camera->rotation[2]);
+    b->edges[0] = normalize(right * least.x + up * least.y - back);
+    b->edges[1] = normalize(right * most.x + up * least.y - back);
+    b->edges[2] = normalize(right * least.x + up * most.y - back);
+    b->edges[3] = normalize(right * most.x + up * most.y - back);
+    b->sides[0] = plane_along(right + back * least.x);
+    b->sides[1] = plane_along(-right - back * most.x);
+    b->sides[2] = plane_along(up + back * least.y);
+    b->sides[3] = plane_along(-up - back * most.y);
+    b->front = plane_along(normalize(right * (from.x + to.x) * 0.5f + up * (from.y + to.y) * 0.5f - back));
+}
+
+// The farthest that any ray still has to look.
+static float farthest(const Block *b)
+{
+    float8 t = max(max(max(b->t_max[0], b->t_max[1]), max(b->t_max[2], b->t_max[3])),
+                   max(max(b->t_max[4], b->t_max[5]), max(b->t_max[6], b->t_max[7])));
+    float4 four = max(t.lo, t.hi);
+    float2 two = max(four.lo, four.hi);
+    return max(two.x, two.y);
+}
+
+// The lanes of a leaf that rays of the block can hit: not those that one edge has on its negative side
+// for the whole frustum, and another on its positive side.
+static int8 lanes_in_frustum(const Leaf *l, const Block *b)
+{
+    float8 least_u = INFINITY, least_v = INFINITY, least_w = INFINITY;
+    float8 most_u = -INFINITY, most_v = -INFINITY, most_w = -INFINITY;
+    for (uint i = 0; i < 4u; ++i) {
+        float3 d = b->edges[i];
+        float8 u = fma((float8)d.x, l->ux, fma((float8)d.y, l->uy, d.z * l->uz));
+        float8 v = fma((float8)d.x, l->vx, fma((float8)d.y, l->vy, d.z * l->vz));
+        float8 w = fma((float8)d.x, l->wx, fma((float8)d.y, l->wy, d.z * l->wz));
+        least_u = min(least_u, u);
+        least_v = min(least_v, v);
+        least_w = min(least_w, w);
+        most_u = max(most_u, u);
+        most_v = max(most_v, v);
+        most_w = max(most_w, w);
+    }
+    int8 negative = min(min(most_u, most_v), most_w) < -l->error;
+    int8 positive = max(max(least_u, least_v), least_w) > l->error;
+    return ~(negative & positive);
+}
+
+// Meets one triangle of a leaf with all rays; returns those on which `meet_leaf` has to decide.
+static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place, Block *b)
+{
+    const float *row = (const float *)l;
+    float ax = row[lane], ay = row[8 + lane], az = row[16 + lane];
+    float bx = row[24 + lane], by = row[32 + lane], bz = row[40 + lane];
+    float cx = row[48 + lane], cy = row[56 + lane], cz = row[64 + lane];
+    float ux = row[72 + lane], uy = row[80 + lane], uz = row[88 + lane];
+    float vx = row[96 + lane], vy = row[104 + lane], vz = row[112 + lane];
+    float wx = row[120 + lane], wy = row[128 + lane], wz = row[136 + lane];
+    float error = row[144 + lane];
+    uint packed = scene->triangles[place].packed;
+    int8 both_sides = packed & TRIANGLE_DOUBLE_SIDED ? -1 : 0;
+    int8 doubtful = packed & TRIANGLE_ALPHA ? -1 : 0;
+    ulong open_rays = 0ul;
+    for (uint y = 0; y < BLOCK; ++y) {
+        float8 dx = b->dx[y], dy = b->dy[y], dz = b->dz[y];
+        float8 u = fma(dx, (float8)ux, fma(dy, (float8)uy, dz * uz));
+        float8 v = fma(dx, (float8)vx, fma(dy, (float8)vy, dz * vz));
+        float8 w = fma(dx, (float8)wx, fma(dy, (float8)wy, dz * wz));
+        float8 least = min(min(u, v), w), most = max(max(u, v), w);
+        int8 inside = ~((least < -error) & (most > error));
+        if (!any(inside))
+            continue;
+        float8 ta = fma(dx, (float8)ax, fma(dy, (float8)ay, dz * az));
+        float8 tb = fma(dx, (float8)bx, fma(dy, (float8)by, dz * bz));
+        float8 tc = fma(dx, (float8)cx, fma(dy, (float8)cy, dz * cz));
+        float8 t = (u * ta + v * tb + w * tc) / (u + v + w);
+        int8 sure = (least > error) | (most < -error);
+        int8 in_range = (t > 0.0f) & (t < b->t_max[y]);
+        int8 open = inside & ((sure & in_range & doubtful) | ~sure);
+        // The volumes of a front face are positive, and so is their sum.
+        int8 hit = inside & sure & in_range & ~doubtful & ((u + v + w >= 0.0f) | both_sides);
+        b->t_max[y] = select(b->t_max[y], t, hit);
+        b->triangle[y] = select(b->triangle[y], (uint8)place, hit);
+        ulong bits = as_ulong(convert_char8(open)) & 0x8040201008040201ul;
+        open_rays |= (bits * 0x0101010101010101ul >> 56) << (BLOCK * y);
+    }
+    return open_rays;
+}
+
+// The camera rays of a block meet a leaf.
+static void meet_leaf_with_block(const Scene *scene, const Leaf *leaf, uint first, uint n, Block *b, uint seed)
+{
+    int8 lanes = lanes_in_frustum(leaf, b) & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
+    ulong left = as_ulong(convert_char8(lanes)), open = 0ul;
+    while (left) {
+        uint lane = lowest_lane(left);
+        left &= ~(0xfful << (8u * lane));
+        open |= meet_lane(scene, leaf, lane, first + lane, b);
+    }
+    while (open) {
+        uint i = 63u - (uint)clz(open & (0ul - open));
+        open &= open - 1ul;
+        float3 d = (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
+        meet_leaf(scene, leaf, first, n, d, (float *)b->t_max + i, (uint *)b->triangle + i, CLOSEST_FRONT, seed);
+    }
+}
+
+// Finds the nearest hits of a block's rays.
+__attribute__((noinline)) static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
+{
+    // Nodes and leaves, and where the frustum enters them.
+    uint links[STACK_SIZE];
+    float entries[STACK_SIZE];
+    uint depth = 1;
+    float far = INFINITY;
+    links[0] = 0u;
+    entries[0] = 0.0f;
+    while (depth) {
+        uint link = links[--depth];
+        if (entries[depth] > far * SLAB_WIDENING)
+            continue;
+        if (link & LEAF) {
+            uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
+            Leaf leaf;
+            load_leaf(scene->leaves + 9u * first, n, origin, low, &leaf);
+            meet_leaf_with_block(scene, &leaf, first, n, b, seed);
+            far = farthest(b);
+            continue;
+        }
+        __global const WideNode *node = scene->nodes + link;
+        float8 planes[6];
+        box_planes(node, origin, low, planes);
+        float8 within = min(min(along(&b->sides[0], planes, 0u), along(&b->sides[1], planes, 0u)),
+                            min(along(&b->sides[2], planes, 0u), along(&b->sides[3], planes, 0u)));
+        Lanes entry;
+        entry.vector = along(&b->front, planes, 1u);
+        ulong left = as_ulong(convert_char8((within >= 0.0f) & (entry.vector <= far * SLAB_WIDENING)));
+        uint base = depth;
+        while (left) {
+            uint child = lowest_lane(left);
+            left &= ~(0xfful << (8u * child));
+            if (node->children[child] == EMPTY)
+                continue;
+            // The nearest child goes to the top of the stack.
+            uint place = depth++;
+            float at = entry.lane[child];
+            for (; place > base && at > entries[place - 1u]; --place) {
+                links[place] = links[place - 1u];
+                entries[place] = entries[place - 1u];
+            }
+            links[place] = node->children[child];
+            entries[place] = at;
+        }
+    }
+}

@@ -1,0 +1,83 @@
+use std::path::{Path, PathBuf};
+
+use glam::DVec2;
+
+use super::*;
+use crate::config::EnvironmentConfig;
+use crate::foveation::Law;
+use crate::frame::load::environment;
+use crate::gpu::opencl::device;
+use crate::math::view::FieldOfView;
+use crate::scene::generate::demo;
+use crate::scene::viewpoint::default_viewpoint;
+
+/// Hits of all pixels, traced in blocks, and of the same pixels as samples, traced in streams.
+fn hits_both_ways(tracer: &mut Tracer, view: &View, settings: Settings) -> (Vec<HitRecord>, Vec<HitRecord>) {
+    let all = Pattern::new(view, &Law::default(), DVec2::splat(0.5), view.pixels());
+    assert_eq!(all.samples.len(), view.pixels());
+    let pattern = tracer.pattern(&all).unwrap();
+    let samples = Buffer::new(&tracer.device, view.pixels()).unwrap();
+    let visibility = Buffer::new(&tracer.device, view.pixels()).unwrap();
+
+    let guided = Settings { guided: true, ..settings };
+    let work = tracer.enqueue(view, &guided, &pattern, &samples, Some(&visibility)).unwrap();
+    tracer.finish(work).unwrap();
+    let blocks = tracer.hits.to_vec().unwrap();
+    let work = tracer.enqueue(view, &settings, &pattern, &samples, None).unwrap();
+    tracer.finish(work).unwrap();
+    let by_sample = tracer.hits.to_vec().unwrap();
+    let mut streams = blocks.clone();
+    for (&at, &hit) in all.samples.iter().zip(&by_sample) {
+        streams[((at >> 16) * view.width + (at & 0xffff)) as usize] = hit;
+    }
+    (blocks, streams)
+}
+
+/// The scene's default view, with a ragged edge of blocks, straight and turned and jittered.
+fn check(scene: &Scene) {
+    let Some(info) = device::list().into_iter().next() else {
+        println!("not run: there is no OpenCL device");
+        return;
+    };
+    let device = Device::open(&info).unwrap();
+    let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    let (light, _) = environment(&EnvironmentConfig::default()).unwrap();
+    let mut tracer = Tracer::new(&device, scene, &bvh, &light).unwrap();
+    let eye = default_viewpoint(scene, 70.0).world_from_eye;
+    for (turn, jitter) in [(0.0, false), (0.9, true)] {
+        let mut world_from_eye = eye;
+        world_from_eye.rotation =
+            eye.rotation * glam::DQuat::from_rotation_y(turn) * glam::DQuat::from_rotation_z(turn);
+        let (width, height) = (317, 203);
+        let fov = FieldOfView::symmetric(1.2, f64::from(width) / f64::from(height));
+        let view = View { world_from_eye, fov, width, height };
+        let settings = Settings { rays: 1, bounces: 0, guided: false, seed: 5, jitter };
+        let (blocks, streams) = hits_both_ways(&mut tracer, &view, settings);
+        assert!(blocks.iter().filter(|hit| hit.triangle != u32::MAX).count() > view.pixels() / 4);
+        for (pixel, (block, stream)) in blocks.iter().zip(&streams).enumerate() {
+            let place = (pixel % width as usize, pixel / width as usize);
+            assert_eq!(block.t.to_bits(), stream.t.to_bits(), "{place:?}: {block:?} and {stream:?}");
+            // Two triangles hit at one distance share the point.
+            assert_eq!(block.triangle == u32::MAX, stream.triangle == u32::MAX, "{place:?}");
+        }
+        let same = blocks.iter().zip(&streams).filter(|(b, s)| b.triangle == s.triangle).count();
+        assert!(same * 1000 >= view.pixels() * 999, "{same} triangles of {} are the same", view.pixels());
+    }
+}
+
+#[test]
+fn blocks_hit_what_streams_hit_in_the_demo_scene() {
+    check(&Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap());
+}
+
+#[test]
+fn blocks_hit_what_streams_hit_in_sponza() {
+    let root = std::env::var_os("FOVEATE_TEST_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let path = root.join("scenes/sponza/Sponza.gltf");
+    if !path.exists() {
+        println!("not run: {} is not there; set FOVEATE_TEST_DATA to the test data", path.display());
+        return;
+    }
+    check(&Scene::load(&path).unwrap());
+}
