@@ -87,6 +87,8 @@ struct Surface {
 const SHARE_OF_NORMAL = 1e-3;
 const SHARE_OF_DISTANCE = 1e-7;
 const SHARE_OF_HOLES = 1e-10;
+// Samples' specular light is divided by F0, or by this where that is less.
+const LEAST_F0 = 1e-3;
 // With less weight than this on its own surface, a pixel looks at more samples.
 const ENOUGH = 0.05;
 
@@ -150,6 +152,7 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let scale = select(0.0, 1.0 / light.sum, light.sum > 0.0);
     let base = unpack_base(record.z);
     let metalness = unpack_metalness(record.z);
-    let reflected = base * (1.0 - metalness) * light.first + mix(vec3(0.04), base, metalness) * light.second;
+    let specular = max(mix(vec3(0.04), base, metalness), vec3(LEAST_F0));
+    let reflected = base * (1.0 - metalness) * light.first + specular * light.second;
     return encode(reflected * scale + emission);
 }

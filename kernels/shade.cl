@@ -2,7 +2,8 @@
 // leave one point, so they travel as streams of 32.
 
 // Traces the light rays of one stream and adds their light. With bounces, reflected rays look for the
-// nearest surface instead of any, and go on from there.
+// nearest surface instead of any, and go on from there. What surfaces send is found by these alone, so
+// it counts by their density, and distant light by that of all rays.
 static uint add_stream(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, const Mixture *m,
                        uint sample, uint first_ray, uint seed, Reflection *sum)
 {
@@ -10,6 +11,7 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Surface
     float rotation = fraction(hash(sample ^ hash(seed + 7u)));
     Stream stream;
     Reflection weights[32];
+    float indirect[32];
     uint straight = 0, bounced = 0, rays = 0;
     for (uint i = 0; i < n; ++i) {
         uint ray = first_ray + i;
@@ -20,13 +22,15 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Surface
         float cosine = dot3(s->normal, light);
         if (!(cosine > 0.0f) || !(dot3(s->geometric, light) > 0.0f))
             continue;
-        float density = mixture_density(scene, shading, s, m, view, light);
+        float by_reflection = reflected_density(s, m, view, light);
+        float density = mixture_density(scene, shading, m, by_reflection, light);
         if (!(density > 0.0f))
             continue;
         Reflection r = reflection(s, f0, view, light);
         float scale = 1.0f / (density * (float)shading->rays);
         weights[i].diffuse = r.diffuse * scale;
         weights[i].specular = r.specular * scale;
+        indirect[i] = density / by_reflection;
         set_ray(&stream, i, light, INFINITY);
         if (shading->bounces > 0u && reflected)
             bounced |= 1u << i;
@@ -47,7 +51,7 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Surface
         float3 light;
         if (hits >> i & 1u)
             light = follow_path(scene, shading, origin, d, stream.triangle[i], stream.t_max[i], shading->bounces,
-                                hash(sample * 32u + i + hash(seed + first_ray)), &rays);
+                                hash(sample * 32u + i + hash(seed + first_ray)), &rays) * indirect[i];
         else
             light = distant_light(scene, shading, d, s->occlusion);
         sum->diffuse += weights[i].diffuse * light;
@@ -92,7 +96,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __
 #endif
             atomic_add(&counters[0], rays);
         }
-        radiance = diffuse_color(&s) * sum.diffuse + f0 * sum.specular + s.emission;
+        radiance = diffuse_color(&s) * sum.diffuse + specular_scale(f0) * sum.specular + s.emission;
     }
     float3 first_part = shading.guided ? sum.diffuse : radiance;
     float3 second_part = shading.guided ? sum.specular : (float3)(0.0f);

@@ -105,7 +105,7 @@ shared_structs! {
 /// reconstruction `first` is the diffuse part divided by the diffuse albedo and `second` the specular
 /// part divided by the specular colour (F0), so that the sample's radiance is
 /// `diffuse * first + f0 * second + emission`, where `diffuse = base (1 - metalness)` and
-/// `f0 = mix(0.04, base, metalness)`; base, metalness and emission come from [`VisibilityRecord`].
+/// `f0 = max(mix(0.04, base, metalness), 0.001)`; base, metalness and emission come from [`VisibilityRecord`].
 /// A sample that hit nothing, or whose estimate was not finite, has `depth` <= 0 and must get no weight
 /// in guided reconstruction.
 pub struct SampleRecord {

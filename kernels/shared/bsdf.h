@@ -2,7 +2,8 @@
 // with Smith's height-correlated visibility. Directions are unit vectors away from the surface.
 
 // The two parts of the reflected share of light, cosine included. Multiplied by the diffuse colour
-// and by F0 they are the BRDF times cosine: what guided reconstruction interpolates has no texture.
+// and by specular_scale(F0) they are the BRDF times cosine: what guided reconstruction interpolates
+// has no texture.
 typedef struct {
     float3 diffuse;
     float3 specular;
@@ -10,12 +11,19 @@ typedef struct {
 
 static float3 specular_color(const Surface *s) { return mix((float3)(0.04f), s->base, s->metallic); }
 
+// What the specular part is divided by: F0, but never so little that nothing could multiply it back;
+// Fresnel reflection is there at grazing angles also where F0 is 0. The reconstruction does the same.
+static float3 specular_scale(float3 f0) { return max(f0, 0.001f); }
+
 static float3 diffuse_color(const Surface *s) { return s->base * (1.0f - s->metallic); }
 
-static float ggx(float alpha, float nh)
+// GGX's density of microfacet normals at unit h.
+static float ggx(const Surface *s, float3 h)
 {
-    float a2 = alpha * alpha;
-    float d = fma(nh * nh, a2 - 1.0f, 1.0f);
+    // sin^2 by the cross product: 1 - cos^2 has no digits left where a smooth surface has its peak.
+    float3 sine = cross(s->normal, h);
+    float nh = clamp(dot3(s->normal, h), 0.0f, 1.0f), a2 = s->alpha * s->alpha;
+    float d = fma(nh * nh, a2, dot3(sine, sine));
     return a2 / max(PI * d * d, 1.0e-30f);
 }
 
@@ -28,13 +36,13 @@ static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 li
     if (nl <= 0.0f)
         return r;
     float3 h = unit_or(view + light, s->normal);
-    float nh = clamp(dot3(s->normal, h), 0.0f, 1.0f), vh = clamp(dot3(view, h), 0.0f, 1.0f);
+    float vh = clamp(dot3(view, h), 0.0f, 1.0f);
     float m = 1.0f - vh;
     float3 fresnel = f0 + (1.0f - f0) * (m * m * m * m * m);
     float a2 = s->alpha * s->alpha;
     float smith = nl * sqrt(fma(nv * nv, 1.0f - a2, a2)) + nv * sqrt(fma(nl * nl, 1.0f - a2, a2));
     r.diffuse = (1.0f - fresnel) * (nl / PI);
-    r.specular = fresnel / max(f0, 1.0e-3f) * (ggx(s->alpha, nh) * 0.5f / max(smith, 1.0e-20f) * nl);
+    r.specular = fresnel / specular_scale(f0) * (ggx(s, h) * 0.5f / max(smith, 1.0e-20f) * nl);
     return r;
 }
 
@@ -67,10 +75,9 @@ static float specular_density(const Surface *s, float3 view, float3 light)
 {
     float nv = max(dot3(s->normal, view), 1.0e-4f);
     float3 h = unit_or(view + light, s->normal);
-    float nh = clamp(dot3(s->normal, h), 0.0f, 1.0f);
     float a2 = s->alpha * s->alpha;
     // G1(v) D(h) (v.h) / (n.v) / (4 v.h)
-    return ggx(s->alpha, nh) * 0.5f / (nv + sqrt(fma(nv * nv, 1.0f - a2, a2)));
+    return ggx(s, h) * 0.5f / (nv + sqrt(fma(nv * nv, 1.0f - a2, a2)));
 }
 
 static float3 sample_diffuse(const Surface *s, float2 u)

@@ -25,10 +25,16 @@ static Mixture mixture_at(const Surface *s, const Shading *shading, float3 f0, f
     return m;
 }
 
-static float mixture_density(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m,
-                             float3 view, float3 light)
+// Density of the directions that follow the surface's reflection.
+static float reflected_density(const Surface *s, const Mixture *m, float3 view, float3 light)
 {
-    float density = m->specular * specular_density(s, view, light) + m->diffuse * diffuse_density(s, light);
+    return m->specular * specular_density(s, view, light) + m->diffuse * diffuse_density(s, light);
+}
+
+// Density of all directions; `reflected` is that of those that follow the reflection.
+static float mixture_density(const Scene *scene, const Shading *shading, const Mixture *m, float reflected, float3 light)
+{
+    float density = reflected;
     if (m->environment > 0.0f)
         density += m->environment * environment_density(scene, shading, light);
 #if HAS_SUN
@@ -87,7 +93,7 @@ static float3 punctual(__global const Light *light, float3 position, float3 *dir
         float x = d2 / (light->range * light->range);
         window = clamp(1.0f - x * x, 0.0f, 1.0f);
     }
-    float falloff = window / max(d2, 1.0e-12f);
+    float falloff = d2 > 0.0f ? window / d2 : 0.0f;
     if (light->kind == 2u) {
         float scale = 1.0f / max(light->cos_inner - light->cos_outer, 1.0e-3f);
         float cone = clamp((dot3(gload3(light->direction), -*direction) - light->cos_outer) * scale, 0.0f, 1.0f);
@@ -137,17 +143,17 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
 #if HAS_LIGHTS
         Reflection lit = {0.0f, 0.0f};
         *rays += add_punctual(scene, shading, &s, f0, view, seed, &lit);
-        sum += throughput * (base * lit.diffuse + f0 * lit.specular);
+        sum += throughput * (base * lit.diffuse + specular_scale(f0) * lit.specular);
 #endif
         Mixture m = mixture_at(&s, shading, f0, view);
         uint2 u = (uint2)(hash(seed + 4u * bounce + 1u), hash(seed + 4u * bounce + 2u));
         bool reflected;
         float3 light = sample_mixture(scene, shading, &s, &m, view, fraction(hash(seed + 4u * bounce + 3u)), u, &reflected);
-        float density = mixture_density(scene, shading, &s, &m, view, light);
+        float density = mixture_density(scene, shading, &m, reflected_density(&s, &m, view, light), light);
         Reflection r = reflection(&s, f0, view, light);
         if (!(density > 0.0f) || dot3(s.geometric, light) <= 0.0f)
             return sum;
-        float3 weight = (base * r.diffuse + f0 * r.specular) / density;
+        float3 weight = (base * r.diffuse + specular_scale(f0) * r.specular) / density;
         Stream one;
         set_ray(&one, 0, light, INFINITY);
         ++*rays;

@@ -1,4 +1,5 @@
-// The scene's buffers. What a scene does not require is a null pointer behind a feature of 0.
+// The scene's buffers. What a scene does not require is a null pointer; kernels built with the feature
+// on do without it all the same.
 
 typedef struct {
     __global const WideNode *nodes;

@@ -18,7 +18,9 @@ typedef struct {
 static float3 hit_weights(const float3 v[3], float3 origin, float3 low, float3 d)
 {
     float3 a = (v[0] - origin) - low, b = (v[1] - origin) - low, c = (v[2] - origin) - low;
-    float3 m = (float3)(dot3(d, cross(c, b)), dot3(d, cross(a, c)), dot3(d, cross(b, a)));
+    // Edge by sum of ends, as in traverse.h: the edges come from positions that are not yet rounded.
+    float3 m = (float3)(dot3(d, cross(v[2] - v[1], c + b)), dot3(d, cross(v[0] - v[2], a + c)),
+                        dot3(d, cross(v[1] - v[0], b + a)));
     float sum = m.x + m.y + m.z;
     m = sum < 0.0f ? max(-m, 0.0f) : max(m, 0.0f);
     sum = m.x + m.y + m.z;
@@ -62,6 +64,8 @@ static Coordinates coordinates(const Scene *scene, uint3 index, float3 w, float 
 #if HAS_VERTEX_COLORS
 static float4 vertex_color(const Scene *scene, uint3 index, float3 w)
 {
+    if (!scene->colors)
+        return 1.0f;
     float4 a = convert_float4(as_uchar4(scene->colors[index.x])), b = convert_float4(as_uchar4(scene->colors[index.y]));
     float4 c = convert_float4(as_uchar4(scene->colors[index.z]));
     return (a * w.x + b * w.y + c * w.z) * (1.0f / 255.0f);
@@ -164,7 +168,8 @@ __attribute__((noinline)) static Surface surface_at(const Scene *scene, uint pla
         s.geometric = -s.geometric;
         n = -n;
     }
-    // A shading normal that faces away from the viewer is bent until it just does not.
+    // A shading normal that faces away from the viewer is bent until it just does not: reflections of
+    // the view have no density below the surface.
     float facing = dot3(n, d);
     if (facing > -0.01f)
         n = unit_or(n - d * (facing + 0.01f), s.geometric);

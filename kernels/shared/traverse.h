@@ -5,14 +5,16 @@
 // vector lanes, one ray after the other.
 //
 // Watertight: a triangle is hit where its three edge volumes d.(p x q), of vertices relative to the
-// ray's origin, have no two different signs. Cross products are exactly antisymmetric, so both
-// triangles at an edge see the same sign; where rounding could have changed it, the volume is
-// evaluated again in double precision. Zero counts as inside. Nothing here is an absolute epsilon.
+// ray's origin, have no two different signs. 2 p x q is computed as (p - q) x (p + q), as Embree does:
+// its rounding shrinks with the edge, and it is exactly antisymmetric, so both triangles at an edge see
+// the same sign; where rounding could have changed it, the volume is evaluated again in double
+// precision. Zero counts as inside. Nothing here is an absolute epsilon.
 
 // Rounding of two subtractions and a multiplication on both planes (Ize 2013).
 #define SLAB_WIDENING 1.0000012f
-// Of an edge volume relative to the square of the largest coordinate: 20 roundings.
-#define VOLUME_ERROR 1.1920929e-6f
+// Of twice an edge volume relative to the longest edge times the largest coordinate, both by their
+// largest components: 50 roundings.
+#define VOLUME_ERROR 2.9802322e-6f
 
 typedef struct {
     float dx[32], dy[32], dz[32];
@@ -76,12 +78,23 @@ static int8 meet_children(__global const WideNode *node, float3 origin, float3 l
     return met;
 }
 
-// Eight triangles relative to the origin, their edges' cross products and their rounding error.
+// Eight triangles relative to the origin: vertices, twice their edges' cross products with their
+// rounding error, normals (not unit ones) and the planes' distances times these.
 typedef struct {
     float8 ax, ay, az, bx, by, bz, cx, cy, cz;
     float8 ux, uy, uz, vx, vy, vz, wx, wy, wz;
     float8 error;
+    float8 nx, ny, nz, plane;
 } Leaf;
+
+// a b - c d with an error of its own size, not of the products' (Kahan).
+static float8 difference_of_products(float8 a, float8 b, float8 c, float8 d)
+{
+    float8 cd = c * d, rounding = fma(-c, d, cd);
+    return fma(a, b, -cd) + rounding;
+}
+
+static float8 largest(float8 x, float8 y, float8 z) { return max(max(fabs(x), fabs(y)), fabs(z)); }
 
 static void load_leaf(__global const float *vertices, uint n, float3 origin, float3 low, Leaf *l)
 {
@@ -94,20 +107,29 @@ static void load_leaf(__global const float *vertices, uint n, float3 origin, flo
     l->cx = relative(vertices + 6 * n, origin.x, low.x);
     l->cy = relative(vertices + 7 * n, origin.y, low.y);
     l->cz = relative(vertices + 8 * n, origin.z, low.z);
-    l->ux = l->cy * l->bz - l->cz * l->by;
-    l->uy = l->cz * l->bx - l->cx * l->bz;
-    l->uz = l->cx * l->by - l->cy * l->bx;
-    l->vx = l->ay * l->cz - l->az * l->cy;
-    l->vy = l->az * l->cx - l->ax * l->cz;
-    l->vz = l->ax * l->cy - l->ay * l->cx;
-    l->wx = l->by * l->az - l->bz * l->ay;
-    l->wy = l->bz * l->ax - l->bx * l->az;
-    l->wz = l->bx * l->ay - l->by * l->ax;
-    float8 a = max(max(fabs(l->ax), fabs(l->ay)), fabs(l->az));
-    float8 b = max(max(fabs(l->bx), fabs(l->by)), fabs(l->bz));
-    float8 c = max(max(fabs(l->cx), fabs(l->cy)), fabs(l->cz));
-    float8 m = max(max(a, b), c);
-    l->error = m * m * VOLUME_ERROR;
+    // Edges opposite to a, b and c, and the sums of their ends.
+    float8 ex = l->cx - l->bx, ey = l->cy - l->by, ez = l->cz - l->bz;
+    float8 fx = l->ax - l->cx, fy = l->ay - l->cy, fz = l->az - l->cz;
+    float8 gx = l->bx - l->ax, gy = l->by - l->ay, gz = l->bz - l->az;
+    float8 sx = l->cx + l->bx, sy = l->cy + l->by, sz = l->cz + l->bz;
+    l->ux = ey * sz - ez * sy;
+    l->uy = ez * sx - ex * sz;
+    l->uz = ex * sy - ey * sx;
+    sx = l->ax + l->cx, sy = l->ay + l->cy, sz = l->az + l->cz;
+    l->vx = fy * sz - fz * sy;
+    l->vy = fz * sx - fx * sz;
+    l->vz = fx * sy - fy * sx;
+    sx = l->bx + l->ax, sy = l->by + l->ay, sz = l->bz + l->az;
+    l->wx = gy * sz - gz * sy;
+    l->wy = gz * sx - gx * sz;
+    l->wz = gx * sy - gy * sx;
+    l->nx = difference_of_products(fy, gz, fz, gy);
+    l->ny = difference_of_products(fz, gx, fx, gz);
+    l->nz = difference_of_products(fx, gy, fy, gx);
+    l->plane = fma(l->nx, l->ax, fma(l->ny, l->ay, l->nz * l->az));
+    float8 edge = max(max(largest(ex, ey, ez), largest(fx, fy, fz)), largest(gx, gy, gz));
+    float8 coordinate = max(max(largest(l->ax, l->ay, l->az), largest(l->bx, l->by, l->bz)), largest(l->cx, l->cy, l->cz));
+    l->error = edge * coordinate * VOLUME_ERROR;
 }
 
 typedef union {
@@ -154,6 +176,18 @@ static bool settle(const Leaf *l, uint lane, float3 d, float3 *volumes)
 #endif
 }
 
+// A distance that is no nearer and no farther than the triangle itself: seen edge-on, its plane says
+// nothing about where it is.
+static float within_triangle(const Leaf *l, uint lane, float3 d, float distance)
+{
+    const float *row = (const float *)l;
+    float a = dot3(d, (float3)(row[lane], row[8 + lane], row[16 + lane]));
+    float b = dot3(d, (float3)(row[24 + lane], row[32 + lane], row[40 + lane]));
+    float c = dot3(d, (float3)(row[48 + lane], row[56 + lane], row[64 + lane]));
+    float near = min(a, min(b, c)), far = max(a, max(b, c));
+    return isnan(distance) ? near : clamp(distance, near, far);
+}
+
 static uint random_of_hit(uint place, float3 d, uint seed)
 {
     return hash(place ^ hash(as_uint(d.x) ^ hash(as_uint(d.y) ^ hash(as_uint(d.z) ^ seed))));
@@ -189,11 +223,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
     int8 open = ~outside & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
     if (!any(open))
         return false;
-    float8 ta = fma((float8)d.x, l->ax, fma((float8)d.y, l->ay, d.z * l->az));
-    float8 tb = fma((float8)d.x, l->bx, fma((float8)d.y, l->by, d.z * l->bz));
-    float8 tc = fma((float8)d.x, l->cx, fma((float8)d.y, l->cy, d.z * l->cz));
-    // A mean of the vertices' distances: it cannot leave the triangle's own range, however skinny.
-    t.vector = (u.vector * ta + v.vector * tb + w.vector * tc) / (u.vector + v.vector + w.vector);
+    t.vector = l->plane / fma((float8)d.x, l->nx, fma((float8)d.y, l->ny, d.z * l->nz));
     int8 sure = (least > l->error) | (most < -l->error);
     // Sure lanes out of range are done; open ones get their distance after the verdict.
     int8 in_range = (t.vector > 0.0f) & (t.vector < *t_max);
@@ -214,9 +244,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
         if (!(low > margin || high < -margin)) {
             if (!settle(l, lane, d, &volumes))
                 continue;
-            const float *row = (const float *)&ta;
-            distance = (volumes.x * row[lane] + volumes.y * ((const float *)&tb)[lane] +
-                        volumes.z * ((const float *)&tc)[lane]) / (volumes.x + volumes.y + volumes.z);
+            distance = within_triangle(l, lane, d, distance);
         }
         if (!(distance > 0.0f && distance < *t_max))
             continue;

@@ -7,8 +7,9 @@
 //! - Camera and bounce rays pass through back faces of materials that are not double-sided; occlusion
 //!   rays are stopped by both sides. A MASK surface exists where its alpha is at least the cutoff; a
 //!   BLEND surface is met with probability alpha, so that it lets `1 - alpha` of the light through.
-//! - Back hits of double-sided surfaces reverse the whole normal, normal map included. Light arrives only
-//!   from directions above both the geometric surface (on the viewer's side) and the shading normal.
+//! - Back hits of double-sided surfaces reverse the whole normal, normal map included. A shading normal n
+//!   whose cosine c with the direction v towards the viewer is below 0.01 is bent towards the viewer:
+//!   n + (0.01 - c) v, normalised. Light arrives only from directions above both the geometric surface (on the viewer's side) and the shading normal.
 //! - The BRDF is glTF 2.0's metallic-roughness model, see [`brdf`]. An unlit surface shows its base colour
 //!   and nothing else. Emission is added at every surface that a camera or bounce ray meets.
 //! - Light is the environment map (dimmed by the occlusion texture), the sun's disc and the punctual

@@ -10,6 +10,9 @@ use crate::scene::{Scene, TextureRef};
 /// than the positions' own `f32` rounding, and far above that of `f64`.
 const LIFT: f64 = 1.0 / (1u64 << 36) as f64;
 
+/// The least cosine between a shading normal and the direction towards the viewer.
+const LEAST_FACING: f64 = 0.01;
+
 /// A point of a surface, seen from one side, with its material evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
@@ -44,6 +47,7 @@ impl Surface {
         let scene = tracer.scene();
         let material = tracer.material(hit.triangle);
         let corners = tracer.corners[hit.triangle as usize];
+        let view = -ray.direction.normalize();
         let side = if hit.back { -1.0 } else { 1.0 };
         let geometric = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
         let read = |reference: &Option<TextureRef>| match reference {
@@ -57,8 +61,8 @@ impl Surface {
         Surface {
             position: interpolate(hit, corners),
             geometric_normal: geometric * side,
-            normal: shading_normal(scene, hit, geometric, mode) * side,
-            view: -ray.direction.normalize(),
+            normal: facing(shading_normal(scene, hit, geometric, mode) * side, view, geometric * side),
+            view,
             base_color: base.truncate(),
             alpha: base.w.clamp(0.0, 1.0),
             metallic: (f64::from(material.metallic) * metallic_roughness.z).clamp(0.0, 1.0),
@@ -128,6 +132,12 @@ fn shading_normal(scene: &Scene, hit: &Hit, geometric: DVec3, mode: TextureMode)
     let scale = f64::from(material.normal_scale);
     let bent = t * (mapped.x * scale) + bitangent * (mapped.y * scale) + n * mapped.z;
     bent.try_normalize().unwrap_or(n)
+}
+
+/// A normal that faces away from the viewer, bent until it just does not.
+fn facing(normal: DVec3, view: DVec3, otherwise: DVec3) -> DVec3 {
+    let lack = LEAST_FACING - normal.dot(view);
+    if lack <= 0.0 { normal } else { (normal + view * lack).try_normalize().unwrap_or(otherwise) }
 }
 
 fn vertices(scene: &Scene, hit: &Hit) -> [usize; 3] {

@@ -178,6 +178,21 @@ impl Tracer {
         })
     }
 
+    /// The first `count` camera rays' hits of the last trace that was finished: of all pixels row after
+    /// row where it was guided, else of the pattern's samples. A hit names its triangle by its place in
+    /// [`WideBvh::order`].
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    ///
+    /// # Panics
+    /// If that trace had fewer camera rays.
+    pub fn hits(&self, count: usize) -> Result<Vec<HitRecord>> {
+        let mut hits = vec![HitRecord::default(); count];
+        self.hits.read(&mut hits)?;
+        Ok(hits)
+    }
+
     fn trace_all_pixels(
         &self,
         view: &View,

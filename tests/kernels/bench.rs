@@ -1,0 +1,120 @@
+//! One device with one scene, and what it makes of a view.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use foveate::bvh::WideBvh;
+use foveate::foveation::{Law, Pattern};
+use foveate::gpu::opencl::{Buffer, Device, device};
+use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
+use foveate::math::pose::Pose;
+use foveate::math::view::{FieldOfView, View};
+use foveate::scene::{Environment, Features, Scene};
+use foveate::trace::{Settings, Tracer};
+use glam::{DVec2, DVec3};
+
+/// What every kernel can: one program for all scenes that do not ask for less.
+pub const EVERYTHING: Features = Features {
+    textures: true,
+    normal_maps: true,
+    alpha: true,
+    emission: true,
+    vertex_colors: true,
+    lights: true,
+    sun: true,
+};
+
+/// 32 rays, no bounces, records of radiance.
+pub const PLAIN: Settings = Settings { rays: 32, bounces: 0, guided: false, seed: 1, jitter: false };
+
+/// Runs a test on every OpenCL device, one test at a time. On machines that promise a device (CI=true) it
+/// is a failure that there is none.
+pub fn on_every_device(test: impl Fn(&Device)) {
+    static TURN: Mutex<()> = Mutex::new(());
+    let _turn: MutexGuard<()> = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    let devices = device::list();
+    if !devices.iter().any(|d| d.unusable.is_none()) {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "no OpenCL device");
+        println!("not run: no OpenCL device");
+        return;
+    }
+    for info in devices.iter().filter(|d| d.unusable.is_none()) {
+        println!("device: {} ({})", info.name, info.platform);
+        test(&Device::open(info).unwrap());
+    }
+}
+
+/// A scene on a device.
+pub struct Bench {
+    bvh: WideBvh,
+    tracer: Tracer,
+    device: Device,
+}
+
+/// What one trace left behind.
+pub struct Picture {
+    pub samples: Vec<SampleRecord>,
+    pub visibility: Vec<VisibilityRecord>,
+    /// Triangles are the mesh's own.
+    pub hits: Vec<HitRecord>,
+    pub rays: u64,
+    pub dropped: u32,
+}
+
+impl Bench {
+    pub fn new(device: &Device, scene: &Scene, environment: &Environment) -> Self {
+        Self::with(device, scene, environment, &EVERYTHING)
+    }
+
+    pub fn with(device: &Device, scene: &Scene, environment: &Environment, features: &Features) -> Self {
+        let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+        let tracer = Tracer::with_features(device, scene, &bvh, environment, features).unwrap();
+        Bench { bvh, tracer, device: device.clone() }
+    }
+
+    /// Traces the samples of a pattern.
+    pub fn trace(&mut self, view: &View, settings: &Settings, pattern: &Pattern) -> Picture {
+        let count = pattern.samples.len();
+        let samples = Buffer::new(&self.device, count).unwrap();
+        let visibility = settings.guided.then(|| Buffer::new(&self.device, view.pixels()).unwrap());
+        let uploaded = self.tracer.pattern(pattern).unwrap();
+        let work = self.tracer.enqueue(view, settings, &uploaded, &samples, visibility.as_ref()).unwrap();
+        let done = self.tracer.finish(work).unwrap();
+        let rays = if settings.guided { view.pixels() } else { count };
+        let mut hits = self.tracer.hits(rays).unwrap();
+        for hit in hits.iter_mut().filter(|hit| hit.triangle != u32::MAX) {
+            hit.triangle = self.bvh.order[hit.triangle as usize].triangle;
+        }
+        Picture {
+            samples: samples.to_vec().unwrap(),
+            visibility: visibility.map_or_else(Vec::new, |v| v.to_vec().unwrap()),
+            hits,
+            rays: done.rays,
+            dropped: done.dropped,
+        }
+    }
+}
+
+/// Every pixel, row after row.
+pub fn all_pixels(view: &View) -> Pattern {
+    let samples = (0..view.pixels() as u32).map(|i| (i % view.width) | (i / view.width) << 16).collect();
+    Pattern { samples, ..Pattern::new(&View { width: 1, height: 1, ..*view }, &Law::Full, DVec2::ZERO, 1) }
+}
+
+/// The centres of `across` by `down` cells of a view.
+pub fn spread(view: &View, across: u32, down: u32) -> Pattern {
+    let place = |i: u32, cells: u32, size: u32| (2 * i + 1) * size / (2 * cells);
+    let samples = (0..across * down)
+        .map(|i| place(i % across, across, view.width) | place(i / across, down, view.height) << 16)
+        .collect();
+    Pattern { samples, ..all_pixels(&View { width: 1, height: 1, ..*view }) }
+}
+
+/// A view from `eye` to `target`, its vertical angle in degrees.
+pub fn view(eye: DVec3, target: DVec3, angle: f64, (width, height): (u32, u32)) -> View {
+    View {
+        world_from_eye: Pose::look_at(eye, target),
+        fov: FieldOfView::symmetric(angle.to_radians(), f64::from(width) / f64::from(height)),
+        width,
+        height,
+    }
+}

@@ -1,0 +1,224 @@
+//! What the kernels write besides radiance: visibility, guided samples, the same bits for the same seed.
+
+use foveate::gpu::opencl::Device;
+use foveate::layout::{SampleRecord, unpack_emission, unpack_normal};
+use foveate::math::view::View;
+use foveate::reference::{self, Surface, TextureMode, Tracer};
+use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};
+use foveate::trace::Settings;
+use glam::{DVec2, DVec3, Vec3, Vec4};
+
+use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device, view};
+use crate::cases;
+use crate::scenes::{colourful, cuboid, floor, matt, metal, scene_of, sphere};
+
+const SIZE: (u32, u32) = (48, 32);
+
+fn eye() -> View {
+    view(DVec3::new(0.2, 1.5, 3.1), DVec3::new(0.0, 0.4, 0.0), 60.0, SIZE)
+}
+
+/// A floor, a block and a ball seen from inside and outside, each of another material.
+fn still_life() -> Scene {
+    let red = Material { emissive: Vec3::new(0.3, 40.0, 1e-3), ..metal(Vec3::new(0.9, 0.1, 0.02), 0.35) };
+    let mut scene = scene_of(vec![matt(0.37), red]);
+    floor(&mut scene, 6.0, 0.0, 0);
+    cuboid(&mut scene, Vec3::new(-0.9, 0.0, -0.5), Vec3::new(0.1, 0.8, 0.4), 1);
+    let plastic = Material {
+        double_sided: true,
+        base_color: Vec4::new(0.05, 0.6, 1.0, 1.0),
+        roughness: 0.6,
+        metallic: 0.2,
+        ..Material::default()
+    };
+    let ball = sphere(2, Vec3::new(0.9, 0.6, 0.2), 0.5, plastic.clone());
+    let (first, centre) = (scene.mesh.positions.len() as u32, Vec3::new(0.9, 0.6, 0.2));
+    scene.materials.push(plastic);
+    let mesh = &mut scene.mesh;
+    mesh.triangles.extend(ball.mesh.triangles.iter().map(|t| t.map(|index| index + first)));
+    mesh.materials.extend(ball.mesh.triangles.iter().map(|_| 2));
+    // Smooth normals, inwards as the ball's triangles are.
+    mesh.normals.extend(ball.mesh.positions.iter().map(|p| (centre - p).normalize()));
+    mesh.positions.extend(ball.mesh.positions);
+    mesh.tangents.extend(ball.mesh.tangents);
+    mesh.uvs[0].extend(&ball.mesh.uvs[0]);
+    scene
+}
+
+fn root_code(packed: u32, channel: u32) -> f64 {
+    f64::from(packed >> (8 * channel) & 255)
+}
+
+#[test]
+fn visibility_is_what_the_reference_sees() {
+    on_every_device(|device| {
+        let (scene, light, view) = (still_life(), colourful(), eye());
+        let settings = Settings { guided: true, rays: 1, ..PLAIN };
+        let picture = Bench::new(device, &scene, &light).trace(&view, &settings, &all_pixels(&view));
+        let tracer = Tracer::new(&scene);
+        let (mut surfaces, mut skies) = (0, 0);
+        for (pixel, record) in picture.visibility.iter().enumerate() {
+            let at = DVec2::new((pixel % 48) as f64, (pixel / 48) as f64) + 0.5;
+            let ray = reference::camera_ray(&scene, &view, at);
+            let emitted = DVec3::from(unpack_emission(record.emission).map(f64::from));
+            let Some(hit) = tracer.closest(&ray, f64::INFINITY) else {
+                let sky = reference::light::background(&light, ray.direction);
+                assert_eq!((record.depth, record.normal, record.albedo), (0.0, 0, 0), "{pixel}");
+                assert!((emitted - sky).abs().max_element() < sky.max_element() / 250.0, "{pixel}");
+                skies += 1;
+                continue;
+            };
+            if picture.hits[pixel].triangle != hit.triangle {
+                continue;
+            }
+            surfaces += 1;
+            let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
+            let forward = view.world_from_eye.rotation * DVec3::NEG_Z;
+            let depth = (hit.t * ray.direction).dot(forward);
+            assert!((f64::from(record.depth) - depth).abs() < 1e-5 * depth, "{pixel}: {record:?} {depth}");
+            let normal = DVec3::from(unpack_normal(record.normal).map(f64::from));
+            assert!(normal.distance(surface.normal) < 2e-4, "{pixel}: {normal} {}", surface.normal);
+            for channel in 0..3 {
+                let code = surface.base_color[channel as usize].sqrt() * 255.0;
+                assert!((root_code(record.albedo, channel) - code).abs() < 0.51, "{pixel}: {record:?} {code}");
+            }
+            let four = |shift: u32| f64::from(record.albedo >> shift & 15) / 15.0;
+            assert!((four(24) - surface.metallic).abs() < 0.51 / 15.0, "{pixel}");
+            assert!((four(28) - surface.roughness).abs() < 0.51 / 15.0, "{pixel}");
+            let off = (emitted - surface.emission).abs().max_element();
+            assert!(off <= surface.emission.max_element() / 250.0, "{pixel}: {emitted}");
+        }
+        assert!(surfaces > 1000 && skies > 50, "{surfaces} {skies}");
+    });
+}
+
+/// Guided samples times their surface's colours are the radiance that k-NN samples have.
+#[test]
+fn guided_samples_are_radiance_divided_by_colour() {
+    on_every_device(|device| {
+        let (mut scene, light, view) = (still_life(), cases::floor_under_sky().light, eye());
+        scene.lights = cases::lights();
+        let mut bench = Bench::new(device, &scene, &light);
+        for bounces in [0, 2] {
+            let settings = Settings { rays: 40, bounces, seed: 5, ..PLAIN };
+            let radiance = bench.trace(&view, &settings, &all_pixels(&view));
+            let guided = bench.trace(&view, &Settings { guided: true, ..settings }, &all_pixels(&view));
+            let mut checked = 0;
+            for (pixel, (whole, parts)) in radiance.samples.iter().zip(&guided.samples).enumerate() {
+                let hit = guided.hits[pixel];
+                assert_eq!(hit, radiance.hits[pixel], "{pixel}: pixels and samples hit alike");
+                if hit.triangle == u32::MAX {
+                    assert_eq!((parts.first, parts.second, parts.depth), ([0.0; 3], [0.0; 3], 0.0));
+                    continue;
+                }
+                assert_eq!((whole.depth, whole.normal, whole.second), (parts.depth, parts.normal, [0.0; 3]));
+                let material = &scene.materials[scene.mesh.materials[hit.triangle as usize] as usize];
+                let base = material.base_color.truncate();
+                let diffuse = base * (1.0 - material.metallic) * Vec3::from(parts.first);
+                let f0 = Vec3::splat(0.04).lerp(base, material.metallic).max(Vec3::splat(1e-3));
+                let sum = diffuse + f0 * Vec3::from(parts.second) + material.emissive;
+                let whole = Vec3::from(whole.first);
+                let off = (sum - whole).abs().max_element();
+                assert!(off <= 1e-5 * whole.max_element(), "{pixel}: {sum} is not {whole}");
+                checked += 1;
+            }
+            assert!(checked > 1000, "{checked}");
+        }
+    });
+}
+
+fn bits(samples: &[SampleRecord]) -> &[u32] {
+    bytemuck::cast_slice(samples)
+}
+
+#[test]
+fn same_seed_gives_the_same_bits_and_another_seed_others() {
+    on_every_device(|device| {
+        let (scene, light, view) = (still_life(), colourful(), eye());
+        let trace = |settings: &Settings| {
+            Bench::new(device, &scene, &light).trace(&view, settings, &all_pixels(&view))
+        };
+        for guided in [false, true] {
+            let settings = Settings { guided, bounces: 1, ..PLAIN };
+            let (first, again) = (trace(&settings), trace(&settings));
+            assert_eq!(bits(&first.samples), bits(&again.samples));
+            assert_eq!(first.visibility, again.visibility);
+            assert_eq!((first.rays, &first.hits), (again.rays, &again.hits));
+            let other = trace(&Settings { seed: 2, ..settings });
+            let hit = |i: &usize| first.samples[*i].depth > 0.0;
+            let differ = |i: &usize| first.samples[*i].first != other.samples[*i].first;
+            let hits = (0..first.samples.len()).filter(hit).count();
+            let changed = (0..first.samples.len()).filter(hit).filter(differ).count();
+            assert!(changed > hits * 9 / 10, "{changed} of {hits}");
+            let jittered = trace(&Settings { jitter: true, ..settings });
+            assert_ne!(first.hits, jittered.hits);
+        }
+    });
+}
+
+/// Sums that would overflow halves or lose their small parts are still numbers, and none is negative.
+#[test]
+fn extreme_light_stays_finite() {
+    on_every_device(|device| {
+        let direction = Vec3::new(0.3, 0.8, 0.4).normalize();
+        let mut scene = still_life();
+        for radiance in [1e9, 1e-6] {
+            for (sun, map) in [(1e9, 1e-6), (1e-6, 1e9), (0.0, radiance)] {
+                let sun = Sun { direction, cos_radius: 0.999_989, radiance: Vec3::splat(sun) };
+                let light = Environment { sun: Some(sun), ..Environment::constant(Vec3::splat(map)) };
+                for material in &mut scene.materials {
+                    material.roughness = if radiance > 1.0 { 0.0 } else { 1.0 };
+                }
+                let mut bench = Bench::new(device, &scene, &light);
+                for guided in [false, true] {
+                    let settings = Settings { guided, bounces: 2, ..PLAIN };
+                    let picture = bench.trace(&eye(), &settings, &all_pixels(&eye()));
+                    assert_eq!(picture.dropped, 0);
+                    let numbers = |s: &SampleRecord| [s.first, s.second].concat();
+                    assert!(picture.samples.iter().flat_map(numbers).all(|v| v.is_finite() && v >= 0.0));
+                    assert!(picture.samples.iter().all(|s| s.depth.is_finite() && s.depth >= 0.0));
+                    assert!(picture.samples.iter().flat_map(numbers).any(|v| v > 0.0));
+                }
+            }
+        }
+    });
+}
+
+/// Kernels built with every feature give what kernels give that have only those that a scene requires.
+#[test]
+fn specialised_kernels_are_the_general_ones() {
+    on_every_device(|device| {
+        let masked = Material { alpha: AlphaMode::Mask(0.5), ..matt(0.6) };
+        let mut pierced = still_life();
+        pierced.materials[1] = masked;
+        let mut lit = still_life();
+        lit.lights = cases::lights();
+        let bare = still_life();
+        let sky = cases::floor_under_sky().light;
+        for (name, scene, light) in
+            [("bare", &bare, &colourful()), ("sun and lights", &lit, &sky), ("alpha", &pierced, &colourful())]
+        {
+            let required = Features::required_by(scene, light);
+            assert_ne!(required, EVERYTHING);
+            for guided in [false, true] {
+                let settings = Settings { guided, bounces: 1, ..PLAIN };
+                let trace = |features: &Features| trace_with(device, scene, light, features, &settings);
+                let (special, general) = (trace(&required), trace(&EVERYTHING));
+                assert_eq!(special.hits, general.hits, "{name}");
+                assert_eq!(special.visibility, general.visibility, "{name}");
+                let differ = bits(&special.samples).iter().zip(bits(&general.samples)).filter(|(a, b)| a != b);
+                assert_eq!(differ.count(), 0, "{name}: words that differ");
+            }
+        }
+    });
+}
+
+fn trace_with(
+    device: &Device,
+    scene: &Scene,
+    light: &Environment,
+    features: &Features,
+    settings: &Settings,
+) -> crate::bench::Picture {
+    Bench::with(device, scene, light, features).trace(&eye(), settings, &all_pixels(&eye()))
+}
