@@ -122,13 +122,11 @@ static int8 lanes_in_frustum(const Leaf *l, const Block *b)
 static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place, Block *b)
 {
     const float *row = (const float *)l;
-    float ax = row[lane], ay = row[8 + lane], az = row[16 + lane];
-    float bx = row[24 + lane], by = row[32 + lane], bz = row[40 + lane];
-    float cx = row[48 + lane], cy = row[56 + lane], cz = row[64 + lane];
     float ux = row[72 + lane], uy = row[80 + lane], uz = row[88 + lane];
     float vx = row[96 + lane], vy = row[104 + lane], vz = row[112 + lane];
     float wx = row[120 + lane], wy = row[128 + lane], wz = row[136 + lane];
     float error = row[144 + lane];
+    float nx = row[152 + lane], ny = row[160 + lane], nz = row[168 + lane], plane = row[176 + lane];
     uint packed = scene->triangles[place].packed;
     int8 both_sides = packed & TRIANGLE_DOUBLE_SIDED ? -1 : 0;
     int8 doubtful = packed & TRIANGLE_ALPHA ? -1 : 0;
@@ -142,10 +140,7 @@ static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place,
         int8 inside = ~((least < -error) & (most > error));
         if (!any(inside))
             continue;
-        float8 ta = fma(dx, (float8)ax, fma(dy, (float8)ay, dz * az));
-        float8 tb = fma(dx, (float8)bx, fma(dy, (float8)by, dz * bz));
-        float8 tc = fma(dx, (float8)cx, fma(dy, (float8)cy, dz * cz));
-        float8 t = (u * ta + v * tb + w * tc) / (u + v + w);
+        float8 t = plane / fma(dx, (float8)nx, fma(dy, (float8)ny, dz * nz));
         int8 sure = (least > error) | (most < -error);
         int8 in_range = (t > 0.0f) & (t < b->t_max[y]);
         int8 open = inside & ((sure & in_range & doubtful) | ~sure);
