@@ -16,7 +16,7 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
     } else {
         Surface s = surface_at(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low), d,
                                hit.t * camera.step[0]);
-        record.normal = pack_normal(s.normal);
+        record.normal = pack_normal24(s.normal);
         record.depth = view_depth(&camera, d, hit.t);
         record.albedo = pack_albedo(s.base, s.metallic, s.roughness);
         record.emission = pack_emission(s.emission);

@@ -81,12 +81,13 @@ macro_rules! shared_structs {
 }
 
 /// Constants that kernels share.
-fn constants() -> [(&'static str, u32); 4] {
+fn constants() -> [(&'static str, u32); 5] {
     [
         ("LEAF", crate::bvh::wide::LEAF),
         ("EMPTY", crate::bvh::wide::EMPTY),
         ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
+        ("SUN_VISIBLE", SUN_VISIBLE),
     ]
 }
 
@@ -94,6 +95,8 @@ fn constants() -> [(&'static str, u32); 4] {
 pub const TRIANGLE_ALPHA: u32 = 1 << 26;
 /// Seen from behind too.
 pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+/// In [`VisibilityRecord::normal`]: all of the sun is visible.
+pub const SUN_VISIBLE: u32 = 0xff00_0000;
 /// Materials at most: what [`Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 20;
 
@@ -121,7 +124,8 @@ pub struct SampleRecord {
 
 /// What dense visibility knows of a pixel: 16 bytes.
 pub struct VisibilityRecord {
-    /// World-space shading normal, as in [`SampleRecord::normal`].
+    /// World-space shading normal, octahedral, two 12-bit snorms in the low 24 bits; in the high byte
+    /// the sun's visibility as an 8-bit unorm.
     pub normal: u32,
     /// View-space depth (-z) of the hit in metres; 0 where the background is seen.
     pub depth: f32,
@@ -332,6 +336,13 @@ pub fn pack_normal(n: [f32; 3]) -> u32 {
     let (x, y) = if n[2] < 0.0 { ((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y)) } else { (x, y) };
     let snorm = |v: f32| ((v.clamp(-1.0, 1.0) * 32767.0).round() as i32 as u32) & 0xffff;
     snorm(x) | snorm(y) << 16
+}
+
+/// [`pack_normal`] with 12 bits each, in the low 24 bits.
+pub fn pack_normal24(n: [f32; 3]) -> u32 {
+    let packed = pack_normal(n);
+    let shorter = |v: u32| (f32::from(v as u16 as i16) * (2047.0 / 32767.0)).round_ties_even() as i32 as u32 & 0xfff;
+    shorter(packed & 0xffff) | shorter(packed >> 16) << 12
 }
 
 /// Undoes [`pack_normal`].

@@ -27,6 +27,14 @@ static float3 hit_weights(const float3 v[3], float3 origin, float3 low, float3 d
     return sum > 0.0f ? m / sum : (float3)(1.0f / 3.0f);
 }
 
+// How far off a triangle rays start that leave it: the rounding of the position and of the tracing,
+// both relative to the largest coordinate and to the triangle's size.
+static float ray_offset(const float3 v[3], float3 e1, float3 e2)
+{
+    float3 reach = max(max(fabs(v[0]), fabs(v[1])), fabs(v[2])) + max(fabs(e1), fabs(e2));
+    return 1.5e-6f * max3(reach);
+}
+
 #if HAS_TEXTURES
 static float2 mix_uv(__global const float2 *uv, uint3 index, float3 w)
 {
@@ -121,10 +129,7 @@ __attribute__((noinline)) static Surface surface_at(const Scene *scene, uint pla
     s.position = v[0] * w.x + v[1] * w.y + v[2] * w.z;
     float3 e1 = v[1] - v[0], e2 = v[2] - v[0];
     s.geometric = unit_or(cross(e1, e2), -d);
-    // Rounding of the position and of the tracing of rays that leave it, both relative to the largest
-    // coordinate and to the triangle's size.
-    float3 reach = max(max(fabs(v[0]), fabs(v[1])), fabs(v[2])) + max(fabs(e1), fabs(e2));
-    s.offset = 1.5e-6f * max3(reach);
+    s.offset = ray_offset(v, e1, e2);
 
     float3 n = unpack_normal(scene->normals[index.x]) * w.x + unpack_normal(scene->normals[index.y]) * w.y +
                unpack_normal(scene->normals[index.z]) * w.z;

@@ -14,6 +14,7 @@ use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
+use crate::scene::Sun;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
 use crate::trace::{self, TracePattern, Tracer};
 
@@ -66,6 +67,7 @@ pub struct Renderer {
     samples: Samples,
     settings: trace::Settings,
     exposure: f32,
+    sun: Option<Sun>,
     output: Output,
     views: Vec<TracedView>,
     image: Option<Image>,
@@ -116,6 +118,7 @@ impl Renderer {
             samples: config.foveation.samples,
             settings: trace_settings(config),
             exposure: config.view.exposure as f32,
+            sun: loaded.environment.sun,
             output,
             views: Vec::new(),
             image: None,
@@ -188,6 +191,7 @@ impl Renderer {
             view,
             samples: traced.samples.vulkan(),
             visibility: traced.visibility.as_ref().map(Shared::vulkan),
+            sun: self.sun,
             outputs: &outputs,
         };
         self.reconstruction.submit(index, &frame)
