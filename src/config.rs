@@ -324,7 +324,7 @@ impl Config {
         let view = &self.view;
         whole("view.width", view.width, 1, MAX_SIDE)?;
         whole("view.height", view.height, 1, MAX_SIDE)?;
-        if view.stereo != Stereo::Mono && view.width % 2 != 0 {
+        if view.stereo != Stereo::Mono && !view.width.is_multiple_of(2) {
             return Err(Error::setting("view.width", "both eyes share it with stereo; give an even number"));
         }
         range("view.ipd", view.ipd, 0.0, 1.0)?;
