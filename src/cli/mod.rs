@@ -8,6 +8,7 @@ mod options;
 mod output;
 mod render;
 mod scene;
+pub mod tracker;
 
 use clap::{Parser, Subcommand};
 
@@ -41,6 +42,8 @@ enum Command {
     Demo(demo::Args),
     /// Tell about a scene, or generate one.
     Scene(scene::Args),
+    /// Watch, record or replay a Rift DK1's head tracker.
+    Tracker(tracker::Args),
     /// List what OpenCL and Vulkan offer here, what is used, and why not the rest.
     Devices(devices::Args),
 }
@@ -56,6 +59,7 @@ impl Cli {
             Command::Mock(args) => mock::run(&args),
             Command::Demo(args) => demo::run(&args),
             Command::Scene(args) => scene::run(&args),
+            Command::Tracker(args) => tracker::run(&args),
             Command::Devices(args) => devices::run(&args),
         }
     }

@@ -1,3 +1,4 @@
 //! What a frame is shown on, and where poses and gazes come from.
 
 pub mod mock;
+pub mod rift_dk1;

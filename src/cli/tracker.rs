@@ -1,0 +1,234 @@
+//! `foveate tracker`: a Rift DK1's tracker, live, recorded or replayed.
+
+mod line;
+mod view;
+
+use crate::error::{Error, Result};
+use crate::headset::rift_dk1::device::{Received, Status, Tracker};
+use crate::headset::rift_dk1::fusion::{Fusion, Keepsake};
+use crate::headset::rift_dk1::recording::{Reader, Writer};
+use crate::headset::rift_dk1::report::SensorReport;
+use line::Line;
+use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+use view::{Summary, View};
+
+/// Time between two pictures of the live view.
+const REFRESH: Duration = Duration::from_millis(100);
+/// How long a tracker may take to be found, and to send its first report.
+const PATIENCE: Duration = Duration::from_secs(2);
+const LONG_PATIENCE: Duration = Duration::from_secs(8);
+
+/// Arguments of `foveate tracker`.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct Args {
+    /// Write every report with its host time to FILE
+    #[arg(long, value_name = "FILE", conflicts_with = "replay")]
+    pub record: Option<PathBuf>,
+    /// Run a recording instead of a tracker; bare 62-byte reports (.dk1raw) will do
+    #[arg(long, value_name = "FILE")]
+    pub replay: Option<PathBuf>,
+    /// Print one JSON line for each report
+    #[arg(long)]
+    pub json: bool,
+    /// Stop after this many seconds
+    #[arg(long, value_name = "S", conflicts_with = "replay")]
+    pub seconds: Option<f64>,
+    /// Keep what is learned of each tracker in DIR
+    /// [default: $XDG_STATE_HOME/foveate or ~/.local/state/foveate; a replay keeps nothing]
+    #[arg(long, value_name = "DIR")]
+    pub memory: Option<PathBuf>,
+    /// Start a replay from what is kept in FILE of the tracker
+    #[arg(long, value_name = "FILE", requires = "replay")]
+    pub calibration: Option<PathBuf>,
+}
+
+/// Runs the command; output goes to standard output.
+///
+/// # Errors
+/// When a file or the tracker cannot be used. A reader that closes our output is no error.
+pub fn run(args: &Args) -> Result<()> {
+    if args.seconds.is_some_and(|seconds| !(seconds.is_finite() && seconds > 0.0)) {
+        return Err(Error::setting("--seconds", "is not a positive number of seconds"));
+    }
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    match &args.replay {
+        Some(path) => replay(args, path, &mut out),
+        None => live(args, &mut out),
+    }
+}
+
+/// Runs a recording through the fusion.
+fn replay(args: &Args, path: &Path, out: &mut dyn Write) -> Result<()> {
+    let mut reader = Reader::open(path)?;
+    let mut fusion = match &args.calibration {
+        Some(path) => Fusion::resume(&read_keepsake(path)?),
+        None => Fusion::new(),
+    };
+    let mut summary = Summary::default();
+    for entry in reader.by_ref() {
+        let entry = entry?;
+        let report = SensorReport::decode(&entry.bytes);
+        let update = report.map(|report| fusion.update(&report, entry.host));
+        let line = Line {
+            host: entry.host,
+            update,
+            orientation: fusion.orientation(),
+            angular_velocity: fusion.angular_velocity(),
+            yaw_source: fusion.yaw_source(),
+        };
+        if args.json && !written(line.write(summary.device_time, out))? {
+            return Ok(());
+        }
+        summary.add(&line, report.ok().map(|report| report.celsius()));
+    }
+    if !args.json {
+        written(summary.write(&fusion, out))?;
+    }
+    written(out.flush())?;
+    if summary.reports == 0 {
+        let problem =
+            format!("none of its {} records is a DK1's report; is it a recording?", summary.malformed);
+        return Err(Error::File { path: path.to_path_buf(), problem });
+    }
+    if reader.cut_off() > 0 {
+        eprintln!(
+            "{}: the last {} bytes are no whole report and were left out",
+            path.display(),
+            reader.cut_off()
+        );
+    }
+    Ok(())
+}
+
+fn read_keepsake(path: &Path) -> Result<Keepsake> {
+    let text = std::fs::read_to_string(path).map_err(|error| Error::io(path, &error))?;
+    serde_json::from_str(&text).map_err(|error| Error::File {
+        path: path.to_path_buf(),
+        problem: format!("this is no calibration of a tracker: {error}; give a file that a live run kept"),
+    })
+}
+
+/// Follows a tracker.
+fn live(args: &Args, out: &mut dyn Write) -> Result<()> {
+    let mut writer = args.record.as_deref().map(Writer::create).transpose()?;
+    let (sender, received) = channel();
+    let listener = Box::new(move |report: &Received| {
+        // The other end is gone only when the command is ending.
+        let _ = sender.send(*report);
+    });
+    let memory = args.memory.clone().or_else(default_memory);
+    let tracker = Tracker::start(memory, Some(listener))?;
+    let begun = Instant::now();
+    let end = args.seconds.map(|seconds| begun + Duration::from_secs_f64(seconds.min(1e9)));
+    let mut view = View::new(std::io::stdout().is_terminal());
+    let mut connected = false;
+    let mut device_time = 0.0;
+    while end.is_none_or(|end| Instant::now() < end) {
+        std::thread::sleep(REFRESH);
+        let reports = take_up(&received, writer.as_mut())?;
+        connected |= !reports.is_empty();
+        if !connected {
+            give_up(&tracker, begun.elapsed())?;
+        }
+        let going_on = if args.json {
+            print_lines(&reports, &mut device_time, out)
+        } else {
+            view.show(&tracker.snapshot(), out)
+        };
+        if !written(going_on.and_then(|()| out.flush()))? {
+            return Ok(());
+        }
+    }
+    drop(tracker);
+    take_up(&received, writer.as_mut()).map(|_| ())
+}
+
+/// Empties the channel, and records what was in it.
+fn take_up(received: &Receiver<Received>, mut writer: Option<&mut Writer>) -> Result<Vec<Received>> {
+    let reports: Vec<_> = received.try_iter().collect();
+    if let Some(writer) = writer.as_mut() {
+        for report in &reports {
+            writer.add(report.host, &report.bytes)?;
+        }
+        writer.flush()?;
+    }
+    Ok(reports)
+}
+
+/// Before its first report a tracker may be missing for good.
+fn give_up(tracker: &Tracker, waited: Duration) -> Result<()> {
+    let patience = match tracker.snapshot().status {
+        Status::Denied(_) | Status::Failed(_) => Duration::ZERO,
+        Status::Absent => PATIENCE,
+        Status::Silent | Status::Connected => LONG_PATIENCE,
+    };
+    match tracker.problem() {
+        Some(problem) if waited > patience => Err(problem),
+        _ => Ok(()),
+    }
+}
+
+fn print_lines(reports: &[Received], device_time: &mut f64, out: &mut dyn Write) -> std::io::Result<()> {
+    for report in reports {
+        let line = Line {
+            host: Some(report.host),
+            update: report.update,
+            orientation: report.orientation,
+            angular_velocity: report.angular_velocity,
+            yaw_source: report.yaw_source,
+        };
+        line.write(*device_time, out)?;
+        *device_time = line.device_time().unwrap_or(*device_time);
+    }
+    Ok(())
+}
+
+/// False when whoever reads our output has had enough.
+fn written(result: std::io::Result<()>) -> Result<bool> {
+    match result {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(Error::io(Path::new("standard output"), &error)),
+    }
+}
+
+/// The user's folder for what programs learn.
+fn default_memory() -> Option<PathBuf> {
+    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    folder("XDG_STATE_HOME")
+        .or_else(|| folder("HOME").map(|home| home.join(".local/state")))
+        .map(|state| state.join("foveate"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::headset::rift_dk1::report::SensorReport;
+
+    #[test]
+    fn a_file_without_reports_is_an_error_and_a_good_one_prints_a_line_each() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.dk1raw");
+        let args = Args { json: true, ..Args::default() };
+        std::fs::write(&path, [7; 124]).unwrap();
+        let problem = replay(&args, &path, &mut Vec::new()).unwrap_err().to_string();
+        assert!(problem.contains("none of its 2 records"), "{problem}");
+
+        let good = SensorReport { sample_count: 2, timestamp: 65_535, ..SensorReport::default() }.encode();
+        let next = SensorReport { sample_count: 2, timestamp: 1, ..SensorReport::default() }.encode();
+        std::fs::write(&path, [good, [9; 62], next].concat()).unwrap();
+        let mut out = Vec::new();
+        replay(&args, &path, &mut out).unwrap();
+        let lines: Vec<serde_json::Value> =
+            String::from_utf8(out).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!(lines.len(), 3);
+        assert_eq!(lines[0]["device_time_s"], 65.536);
+        assert_eq!(lines[1]["device_time_s"], 65.536);
+        assert_eq!(lines[1]["flags"], serde_json::json!(["malformed"]));
+        assert_eq!(lines[2]["device_time_s"], 65.538);
+        assert_eq!(lines[2]["orientation"], serde_json::json!([1.0, 0.0, 0.0, 0.0]));
+    }
+}
