@@ -20,7 +20,7 @@ fn eye() -> View {
 
 /// A floor, a block and a ball seen from inside and outside, each of another material.
 fn still_life() -> Scene {
-    let red = Material { emissive: Vec3::new(0.3, 40.0, 1e-3), ..metal(Vec3::new(0.9, 0.1, 0.02), 0.35) };
+    let red = Material { emissive: Vec3::new(0.3, 40.0, 1e-3), ..metal(Vec3::new(0.9, 0.1, 0.0), 0.35) };
     let mut scene = scene_of(vec![matt(0.37), red]);
     floor(&mut scene, 6.0, 0.0, 0);
     cuboid(&mut scene, Vec3::new(-0.9, 0.0, -0.5), Vec3::new(0.1, 0.8, 0.4), 1);
