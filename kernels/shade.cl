@@ -85,7 +85,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __
                                hit.t * camera.step[0]);
         float3 f0 = specular_color(&s), view = -d;
         record.depth = view_depth(&camera, d, hit.t);
-        record.normal = pack_normal(s.normal);
+        record.normal = pack_normal(s.smooth);
         if (!s.unlit) {
             Mixture m = mixture_at(&s, &shading, f0, view, !shading.guided);
             uint rays = 0;

@@ -6,16 +6,11 @@
 #define BEAM_WIDTH 20.0f
 
 // Where a pixel's ray to the sun starts; false where its surface faces away from the sun.
-static bool sun_origin(const Scene *scene, const Camera *camera, float3 sun, HitRecord hit, uint x, uint y, float3 *origin)
+static bool sun_origin(const Facet *f, float3 d, float3 sun, float3 *origin)
 {
-    float3 d = camera_ray(camera, x, y), v[3];
-    uint packed = scene->triangles[hit.triangle].packed;
-    triangle_corners(scene, hit.triangle, packed, v);
-    float3 w = hit_weights(v, load3(camera->origin), load3(camera->origin_low), d);
-    float3 e1 = v[1] - v[0], e2 = v[2] - v[0];
-    float3 n = unit_or(cross(e1, e2), -d);
-    n = dot3(n, d) > 0.0f ? -n : n;
-    *origin = v[0] * w.x + v[1] * w.y + v[2] * w.z + n * ray_offset(v, e1, e2);
+    float3 w = hit_weights(f, d);
+    float3 n = dot3(f->geometric, d) > 0.0f ? -f->geometric : f->geometric;
+    *origin = f->corners[0] * w.x + f->corners[1] * w.y + f->corners[2] * w.z + n * f->offset;
     return dot3(n, sun) > 0.0f;
 }
 
@@ -31,12 +26,19 @@ __kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, uin
     float3 sun = load3(shading.sun_direction), origins[BEAM_RAYS];
     float widths[BEAM_RAYS];
     ulong waiting = 0ul;
+    Facet facet;
+    uint prepared = NONE;
     for (uint i = 0; i < BEAM_RAYS; ++i) {
         uint x = left + i % BLOCK, y = first_row + top + i / BLOCK;
         if (x >= camera.width || top + i / BLOCK >= rows)
             continue;
         HitRecord hit = hits[y * camera.width + x];
-        if (hit.triangle != NONE && sun_origin(&scene, &camera, sun, hit, x, y, &origins[i]))
+        if (hit.triangle == NONE)
+            continue;
+        if (hit.triangle != prepared)
+            facet = facet_of(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low));
+        prepared = hit.triangle;
+        if (sun_origin(&facet, camera_ray(&camera, x, y), sun, &origins[i]))
             waiting |= 1ul << i;
         widths[i] = hit.t * camera.step[0];
     }

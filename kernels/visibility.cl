@@ -1,25 +1,60 @@
 // What every pixel sees, as guided reconstruction needs it: normal, depth, colours, emission.
 
+// Pixels of a row that a work-item describes: neighbours often see one triangle, which is prepared once.
+#define RUN 16u
+
+static VisibilityRecord describe_background(const Scene *scene, const Shading *shading, float3 d)
+{
+    VisibilityRecord record = {0u, 0.0f, 0u, pack_emission(background(scene, shading, d))};
+    return record;
+}
+
+// Normals are those of vertices, without normal maps, as in SampleRecord: they tell surfaces apart.
+static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, float3 d, float depth)
+{
+    __global const Material *material = spot->facet->material;
+    float3 base = base_at(scene, spot), emission;
+    if (material->unlit) {
+        emission = base;
+        base = 0.0f;
+    } else {
+        emission = emission_at(scene, spot);
+    }
+    float metallic = material->metallic, roughness = material->roughness;
+#if HAS_TEXTURES
+    __global const TextureUse *use = &material->textures[1];
+    if (use->texture != NONE) {
+        float4 mr = nearest_texel(scene, use, spot->at.uv[use->uv_slot], spot->at.footprint[use->uv_slot]);
+        roughness *= mr.y;
+        metallic *= mr.z;
+    }
+#endif
+    VisibilityRecord record = {pack_normal24(face_viewer(smooth_normal(spot), d, spot->facet->geometric)), depth,
+                               pack_albedo(base, metallic, roughness), pack_emission(emission)};
+    return record;
+}
+
 __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, uint first, uint count,
                               __global const HitRecord *hits, __global VisibilityRecord *records)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint pixel = (uint)get_global_id(0);
-    if (pixel >= count)
+    uint begin = (uint)get_global_id(0) * RUN;
+    if (begin >= count)
         return;
-    pixel += first;
-    HitRecord hit = hits[pixel];
-    float3 d = camera_ray(&camera, pixel % camera.width, pixel / camera.width);
-    VisibilityRecord record = {0u, 0.0f, 0u, 0u};
-    if (hit.triangle == NONE) {
-        record.emission = pack_emission(background(&scene, &shading, d));
-    } else {
-        Surface s = surface_at(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low), d,
-                               hit.t * camera.step[0]);
-        record.normal = pack_normal24(s.normal);
-        record.depth = view_depth(&camera, d, hit.t);
-        record.albedo = pack_albedo(s.base, s.metallic, s.roughness);
-        record.emission = pack_emission(s.emission);
+    uint end = first + min(count, begin + RUN);
+    Facet facet;
+    uint prepared = NONE;
+    for (uint pixel = first + begin; pixel < end; ++pixel) {
+        HitRecord hit = hits[pixel];
+        float3 d = camera_ray(&camera, pixel % camera.width, pixel / camera.width);
+        if (hit.triangle == NONE) {
+            records[pixel] = describe_background(&scene, &shading, d);
+            continue;
+        }
+        if (hit.triangle != prepared)
+            facet = facet_of(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low));
+        prepared = hit.triangle;
+        Spot spot = spot_on(&scene, &facet, d, hit.t * camera.step[0]);
+        records[pixel] = describe_spot(&scene, &spot, d, view_depth(&camera, d, hit.t));
     }
-    records[pixel] = record;
 }

@@ -118,19 +118,21 @@ pub struct SampleRecord {
     pub depth: f32,
     /// Linear RGB of the specular part divided by F0 (guided).
     pub second: [f32; 3],
-    /// World-space shading normal, octahedral, two 16-bit snorms (x in the low half).
+    /// World-space normal interpolated between vertices, without the normal map, on the viewer's side:
+    /// octahedral, two 16-bit snorms (x in the low half).
     pub normal: u32,
 }
 
 /// What dense visibility knows of a pixel: 16 bytes.
 pub struct VisibilityRecord {
-    /// World-space shading normal, octahedral, two 12-bit snorms in the low 24 bits; in the high byte
-    /// the sun's visibility as an 8-bit unorm.
+    /// World-space normal, as in [`SampleRecord::normal`] (the map's would make neighbours on one surface
+    /// look strange to each other), but two 12-bit snorms in the low 24 bits; in the high byte the sun's
+    /// visibility as an 8-bit unorm.
     pub normal: u32,
     /// View-space depth (-z) of the hit in metres; 0 where the background is seen.
     pub depth: f32,
     /// Base colour, three 8-bit unorms of its square root (R in the low byte), then metalness (low)
-    /// and perceptual roughness (high) as 4-bit unorms in the high byte.
+    /// and perceptual roughness (high) as 4-bit unorms in the high byte, both of the nearest texel.
     pub albedo: u32,
     /// Emitted radiance, or the background's: see [`pack_emission`].
     pub emission: u32,

@@ -4,6 +4,7 @@ typedef struct {
     float3 position;      // relative to the anchor
     float3 geometric;     // unit normal of the triangle, on the viewer's side
     float3 normal;        // unit shading normal, on the viewer's side
+    float3 smooth;        // the same without the normal map
     float3 base;          // linear base colour
     float3 emission;
     float metallic;
@@ -14,38 +15,75 @@ typedef struct {
     bool unlit;
 } Surface;
 
-// Barycentric weights of the hit that a ray, relative to its origin, has on a triangle.
-static float3 hit_weights(const float3 v[3], float3 origin, float3 low, float3 d)
+// A triangle as rays from one origin see it: what all their hits on it share.
+typedef struct {
+    __global const Material *material;
+    uint3 index;          // of the vertices
+    float3 corners[3];    // relative to the anchor
+    float3 edges[3];      // twice a ray's edge volumes are its direction's products with these
+    float3 normals[3];    // of the vertices
+    float3 geometric;     // unit, on the front
+    float offset;         // how far rays start from it, metres
+#if HAS_TEXTURES
+    float density[2];     // texture coordinates per metre
+#endif
+} Facet;
+
+#if HAS_TEXTURES
+// Texture coordinates' area over the triangle's area, as a length ratio.
+static float uv_density(__global const float2 *uv, uint3 index, float twice_area)
 {
+    if (!uv || !(twice_area > 0.0f))
+        return 0.0f;
+    float2 e1 = uv[index.y] - uv[index.x], e2 = uv[index.z] - uv[index.x];
+    return sqrt(fabs(e1.x * e2.y - e1.y * e2.x) / twice_area);
+}
+#endif
+
+static Facet facet_of(const Scene *scene, uint place, float3 origin, float3 low)
+{
+    Facet f;
+    __global const Triangle *triangle = scene->triangles + place;
+    uint packed = triangle->packed;
+    f.index = (uint3)(triangle->vertices[0], triangle->vertices[1], triangle->vertices[2]);
+    f.material = scene->materials + TRIANGLE_MATERIAL(packed);
+    float3 *v = f.corners;
+    triangle_corners(scene, place, packed, v);
     float3 a = (v[0] - origin) - low, b = (v[1] - origin) - low, c = (v[2] - origin) - low;
     // Edge by sum of ends, as in traverse.h: the edges come from positions that are not yet rounded.
-    float3 m = (float3)(dot3(d, cross(v[2] - v[1], c + b)), dot3(d, cross(v[0] - v[2], a + c)),
-                        dot3(d, cross(v[1] - v[0], b + a)));
+    f.edges[0] = cross(v[2] - v[1], c + b);
+    f.edges[1] = cross(v[0] - v[2], a + c);
+    f.edges[2] = cross(v[1] - v[0], b + a);
+    for (uint i = 0; i < 3u; ++i)
+        f.normals[i] = unpack_normal(scene->normals[triangle->vertices[i]]);
+    float3 e1 = v[1] - v[0], e2 = v[2] - v[0], across = cross(e1, e2);
+    f.geometric = unit_or(across, unit_or(-a, (float3)(0.0f, 0.0f, 1.0f)));
+    // Rounding of the position and of the tracing of rays that leave it, both relative to the largest
+    // coordinate and to the triangle's size.
+    float3 reach = max(max(fabs(v[0]), fabs(v[1])), fabs(v[2])) + max(fabs(e1), fabs(e2));
+    f.offset = 1.5e-6f * max3(reach);
+#if HAS_TEXTURES
+    float twice_area = length(across);
+    f.density[0] = uv_density(scene->uv0, f.index, twice_area);
+    f.density[1] = uv_density(scene->uv1, f.index, twice_area);
+#endif
+    return f;
+}
+
+// Barycentric weights of the hit that ray d has.
+static float3 hit_weights(const Facet *f, float3 d)
+{
+    float3 m = (float3)(dot3(d, f->edges[0]), dot3(d, f->edges[1]), dot3(d, f->edges[2]));
     float sum = m.x + m.y + m.z;
     m = sum < 0.0f ? max(-m, 0.0f) : max(m, 0.0f);
     sum = m.x + m.y + m.z;
     return sum > 0.0f ? m / sum : (float3)(1.0f / 3.0f);
 }
 
-// How far off a triangle rays start that leave it: the rounding of the position and of the tracing,
-// both relative to the largest coordinate and to the triangle's size.
-static float ray_offset(const float3 v[3], float3 e1, float3 e2)
-{
-    float3 reach = max(max(fabs(v[0]), fabs(v[1])), fabs(v[2])) + max(fabs(e1), fabs(e2));
-    return 1.5e-6f * max3(reach);
-}
-
 #if HAS_TEXTURES
 static float2 mix_uv(__global const float2 *uv, uint3 index, float3 w)
 {
     return uv[index.x] * w.x + uv[index.y] * w.y + uv[index.z] * w.z;
-}
-
-// Texture coordinates' area over the triangle's area, as a length ratio.
-static float uv_density(__global const float2 *uv, uint3 index, float twice_area)
-{
-    float2 e1 = uv[index.y] - uv[index.x], e2 = uv[index.z] - uv[index.x];
-    return twice_area > 0.0f ? sqrt(fabs(e1.x * e2.y - e1.y * e2.x) / twice_area) : 0.0f;
 }
 
 typedef struct {
@@ -56,16 +94,6 @@ typedef struct {
 static float4 lookup(const Scene *scene, __global const TextureUse *use, const Coordinates *at)
 {
     return sample_texture(scene, use, at->uv[use->uv_slot], at->footprint[use->uv_slot]);
-}
-
-static Coordinates coordinates(const Scene *scene, uint3 index, float3 w, float twice_area, float width)
-{
-    Coordinates at;
-    at.uv[0] = scene->uv0 ? mix_uv(scene->uv0, index, w) : (float2)(0.0f);
-    at.footprint[0] = scene->uv0 ? width * uv_density(scene->uv0, index, twice_area) : 0.0f;
-    at.uv[1] = scene->uv1 ? mix_uv(scene->uv1, index, w) : (float2)(0.0f);
-    at.footprint[1] = scene->uv1 ? width * uv_density(scene->uv1, index, twice_area) : 0.0f;
-    return at;
 }
 #endif
 
@@ -101,15 +129,84 @@ static float hit_alpha(const Scene *scene, uint place, uint packed, float3 w)
 }
 #endif
 
-#if HAS_NORMAL_MAPS
-static float3 mapped_normal(const Scene *scene, __global const Material *material, const Coordinates *at, uint3 index,
-                            float3 w, float3 n)
+// A hit on a facet, and what its attributes are interpolated with.
+typedef struct {
+    const Facet *facet;
+    float3 weights;
+#if HAS_TEXTURES
+    Coordinates at;
+#endif
+} Spot;
+
+// Where ray d meets a facet; `width` is the ray cone's width there.
+static Spot spot_on(const Scene *scene, const Facet *f, float3 d, float width)
 {
+    Spot spot;
+    spot.facet = f;
+    spot.weights = hit_weights(f, d);
+#if HAS_TEXTURES
+    float footprint = width * rsqrt(max(fabs(dot3(d, f->geometric)), 0.05f));
+    for (uint set = 0; set < 2u; ++set) {
+        __global const float2 *uv = set ? scene->uv1 : scene->uv0;
+        spot.at.uv[set] = uv ? mix_uv(uv, f->index, spot.weights) : (float2)(0.0f);
+        spot.at.footprint[set] = footprint * f->density[set];
+    }
+#endif
+    return spot;
+}
+
+static float3 smooth_normal(const Spot *spot)
+{
+    const float3 *n = spot->facet->normals, w = spot->weights;
+    return unit_or(n[0] * w.x + n[1] * w.y + n[2] * w.z, spot->facet->geometric);
+}
+
+// A shading normal on the viewer's side: seen from behind, a double-sided surface turns round. One that
+// faces away from the viewer is bent until it just does not: reflections of the view have no density
+// below the surface.
+static float3 face_viewer(float3 n, float3 d, float3 geometric)
+{
+    n = dot3(geometric, d) > 0.0f ? -n : n;
+    float facing = dot3(n, d);
+    return facing > -0.01f ? unit_or(n - d * (facing + 0.01f), dot3(geometric, d) > 0.0f ? -geometric : geometric) : n;
+}
+
+static float3 base_at(const Scene *scene, const Spot *spot)
+{
+    __global const Material *material = spot->facet->material;
+    float3 base = gload3(material->base_color);
+#if HAS_TEXTURES
+    if (material->textures[0].texture != NONE)
+        base *= lookup(scene, &material->textures[0], &spot->at).xyz;
+#endif
+#if HAS_VERTEX_COLORS
+    base *= vertex_color(scene, spot->facet->index, spot->weights).xyz;
+#endif
+    return max(base, 0.0f);
+}
+
+static float3 emission_at(const Scene *scene, const Spot *spot)
+{
+    __global const Material *material = spot->facet->material;
+    float3 emission = gload3(material->emissive);
+#if HAS_EMISSION && HAS_TEXTURES
+    if (material->textures[4].texture != NONE)
+        emission *= lookup(scene, &material->textures[4], &spot->at).xyz;
+#endif
+    return emission;
+}
+
+#if HAS_NORMAL_MAPS
+static float3 mapped_normal(const Scene *scene, const Spot *spot, float3 n)
+{
+    __global const Material *material = spot->facet->material;
+    uint3 index = spot->facet->index;
+    float3 w = spot->weights;
     float4 tangent = scene->tangents[index.x] * w.x + scene->tangents[index.y] * w.y + scene->tangents[index.z] * w.z;
     // As MikkTSpace has it: interpolated, and not made orthogonal to the normal again.
     float3 t = unit_or(tangent.xyz, (float3)(0.0f));
     float3 b = cross(n, t) * (scene->tangents[index.x].w < 0.0f ? -1.0f : 1.0f);
-    float3 m = lookup(scene, &material->textures[2], at).xyz * 2.0f - 1.0f;
+    float3 m = lookup(scene, &material->textures[2], &spot->at).xyz * 2.0f - 1.0f;
     m.xy *= material->normal_scale;
     return unit_or(t * m.x + b * m.y + n * m.z, n);
 }
@@ -119,70 +216,41 @@ static float3 mapped_normal(const Scene *scene, __global const Material *materia
 __attribute__((noinline)) static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
 {
     Surface s;
-    __global const Triangle *triangle = scene->triangles + place;
-    uint packed = triangle->packed;
-    uint3 index = (uint3)(triangle->vertices[0], triangle->vertices[1], triangle->vertices[2]);
-    __global const Material *material = scene->materials + TRIANGLE_MATERIAL(packed);
-    float3 v[3];
-    triangle_corners(scene, place, packed, v);
-    float3 w = hit_weights(v, origin, low, d);
-    s.position = v[0] * w.x + v[1] * w.y + v[2] * w.z;
-    float3 e1 = v[1] - v[0], e2 = v[2] - v[0];
-    s.geometric = unit_or(cross(e1, e2), -d);
-    s.offset = ray_offset(v, e1, e2);
-
-    float3 n = unpack_normal(scene->normals[index.x]) * w.x + unpack_normal(scene->normals[index.y]) * w.y +
-               unpack_normal(scene->normals[index.z]) * w.z;
-    n = unit_or(n, s.geometric);
-    s.base = gload3(material->base_color);
-    s.emission = gload3(material->emissive);
+    Facet f = facet_of(scene, place, origin, low);
+    Spot spot = spot_on(scene, &f, d, width);
+    __global const Material *material = f.material;
+    s.position = f.corners[0] * spot.weights.x + f.corners[1] * spot.weights.y + f.corners[2] * spot.weights.z;
+    s.offset = f.offset;
+    float3 n = smooth_normal(&spot);
+    s.base = base_at(scene, &spot);
+    s.emission = emission_at(scene, &spot);
     s.metallic = material->metallic;
     s.roughness = material->roughness;
     s.occlusion = 1.0f;
     s.unlit = material->unlit != 0u;
 #if HAS_TEXTURES
-    float twice_area = length(cross(e1, e2));
-    Coordinates at = coordinates(scene, index, w, twice_area, width * rsqrt(max(fabs(dot3(d, s.geometric)), 0.05f)));
-    if (material->textures[0].texture != NONE)
-        s.base *= lookup(scene, &material->textures[0], &at).xyz;
     if (material->textures[1].texture != NONE) {
-        float4 mr = lookup(scene, &material->textures[1], &at);
+        float4 mr = lookup(scene, &material->textures[1], &spot.at);
         s.roughness *= mr.y;
         s.metallic *= mr.z;
     }
     if (material->textures[3].texture != NONE)
-        s.occlusion = mix(1.0f, lookup(scene, &material->textures[3], &at).x, material->occlusion_strength);
-#if HAS_EMISSION
-    if (material->textures[4].texture != NONE)
-        s.emission *= lookup(scene, &material->textures[4], &at).xyz;
-#endif
+        s.occlusion = mix(1.0f, lookup(scene, &material->textures[3], &spot.at).x, material->occlusion_strength);
 #if HAS_NORMAL_MAPS
     if (material->textures[2].texture != NONE)
-        n = mapped_normal(scene, material, &at, index, w, n);
+        n = mapped_normal(scene, &spot, n);
 #endif
-#endif
-#if HAS_VERTEX_COLORS
-    s.base *= vertex_color(scene, index, w).xyz;
 #endif
     if (s.unlit) {
         s.emission = s.base;
         s.base = 0.0f;
     }
-    // Both normals on the viewer's side: seen from behind, a double-sided surface turns them round.
-    if (dot3(s.geometric, d) > 0.0f) {
-        s.geometric = -s.geometric;
-        n = -n;
-    }
-    // A shading normal that faces away from the viewer is bent until it just does not: reflections of
-    // the view have no density below the surface.
-    float facing = dot3(n, d);
-    if (facing > -0.01f)
-        n = unit_or(n - d * (facing + 0.01f), s.geometric);
-    s.normal = n;
+    s.geometric = dot3(f.geometric, d) > 0.0f ? -f.geometric : f.geometric;
+    s.smooth = face_viewer(smooth_normal(&spot), d, f.geometric);
+    s.normal = face_viewer(n, d, f.geometric);
     s.metallic = clamp(s.metallic, 0.0f, 1.0f);
     s.roughness = clamp(s.roughness, 0.0f, 1.0f);
     s.alpha = max(s.roughness * s.roughness, 0.001f);
-    s.base = max(s.base, 0.0f);
     return s;
 }
 

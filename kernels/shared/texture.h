@@ -30,7 +30,13 @@ static float4 decode_texel(const Scene *scene, uint texel, uint packed)
     return convert_float4(bytes) * (1.0f / 255.0f);
 }
 
-static float4 texture_level(const Scene *scene, const TextureInfo *info, uint level, float2 uv)
+// A level's place in the buffer and its size.
+typedef struct {
+    __global const uint *texels;
+    int2 size;
+} Level;
+
+static Level level_of(const Scene *scene, const TextureInfo *info, uint level)
 {
     uint offset = info->offset;
     int2 size = (int2)((int)info->width, (int)info->height);
@@ -38,34 +44,57 @@ static float4 texture_level(const Scene *scene, const TextureInfo *info, uint le
         offset += (uint)size.x * (uint)size.y;
         size = max(size >> 1, 1);
     }
+    Level l = {scene->texels + offset, size};
+    return l;
+}
+
+static float4 texel_at(const Scene *scene, const TextureInfo *info, uint level, float2 uv)
+{
+    Level l = level_of(scene, info, level);
+    uv *= convert_float2(l.size);
+    int x = wrap_texel((int)floor(uv.x), l.size.x, info->packed >> 8 & 3u);
+    int y = wrap_texel((int)floor(uv.y), l.size.y, info->packed >> 10 & 3u);
+    return decode_texel(scene, l.texels[y * l.size.x + x], info->packed);
+}
+
+static float4 texture_level(const Scene *scene, const TextureInfo *info, uint level, float2 uv)
+{
+    if (info->packed >> 13 & 1u && level == 0u)
+        return texel_at(scene, info, level, uv);
+    Level l = level_of(scene, info, level);
     uint wrap_u = info->packed >> 8 & 3u, wrap_v = info->packed >> 10 & 3u;
-    __global const uint *texels = scene->texels + offset;
-    uv *= convert_float2(size);
-    if (info->packed >> 13 & 1u && level == 0u) {
-        int x = wrap_texel((int)floor(uv.x), size.x, wrap_u), y = wrap_texel((int)floor(uv.y), size.y, wrap_v);
-        return decode_texel(scene, texels[y * size.x + x], info->packed);
-    }
-    float2 at = uv - 0.5f, base = floor(at), f = at - base;
-    int x0 = wrap_texel((int)base.x, size.x, wrap_u), x1 = wrap_texel((int)base.x + 1, size.x, wrap_u);
-    int y0 = wrap_texel((int)base.y, size.y, wrap_v) * size.x, y1 = wrap_texel((int)base.y + 1, size.y, wrap_v) * size.x;
-    float4 top = mix(decode_texel(scene, texels[y0 + x0], info->packed), decode_texel(scene, texels[y0 + x1], info->packed), f.x);
-    float4 bottom = mix(decode_texel(scene, texels[y1 + x0], info->packed), decode_texel(scene, texels[y1 + x1], info->packed), f.x);
+    float2 at = uv * convert_float2(l.size) - 0.5f, base = floor(at), f = at - base;
+    int x0 = wrap_texel((int)base.x, l.size.x, wrap_u), x1 = wrap_texel((int)base.x + 1, l.size.x, wrap_u);
+    int y0 = wrap_texel((int)base.y, l.size.y, wrap_v) * l.size.x, y1 = wrap_texel((int)base.y + 1, l.size.y, wrap_v) * l.size.x;
+    float4 top = mix(decode_texel(scene, l.texels[y0 + x0], info->packed), decode_texel(scene, l.texels[y0 + x1], info->packed), f.x);
+    float4 bottom = mix(decode_texel(scene, l.texels[y1 + x0], info->packed), decode_texel(scene, l.texels[y1 + x1], info->packed), f.x);
     return mix(top, bottom, f.y);
 }
 
-// `footprint`: width of the ray's cone on the surface, in texture coordinates (square root of area).
-static float4 sample_texture(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
+// Where in a texture a use of it looks, whole repetitions taken off.
+static float2 place_in_texture(__global const TextureUse *use, const TextureInfo *info, float2 uv)
 {
-    TextureInfo info = scene->textures[use->texture];
     float2 at = (float2)(fma(use->matrix[0], uv.x, fma(use->matrix[2], uv.y, use->offset[0])),
                          fma(use->matrix[1], uv.x, fma(use->matrix[3], uv.y, use->offset[1])));
     if (!isfinite(at.x) || !isfinite(at.y))
         at = 0.0f;
-    at.x = wrap_coordinate(at.x, info.packed >> 8 & 3u);
-    at.y = wrap_coordinate(at.y, info.packed >> 10 & 3u);
-    float scale = sqrt(fabs(use->matrix[0] * use->matrix[3] - use->matrix[1] * use->matrix[2]));
-    float texels = footprint * scale * sqrt((float)info.width * (float)info.height);
-    float lod = clamp(log2(max(texels, 1.0e-6f)), 0.0f, (float)(info.packed & 0xffu) - 1.0f);
+    return (float2)(wrap_coordinate(at.x, info->packed >> 8 & 3u), wrap_coordinate(at.y, info->packed >> 10 & 3u));
+}
+
+// Level of detail for a footprint: width of the ray's cone on the surface, in texture coordinates
+// (square root of area).
+static float level_of_detail(__global const TextureUse *use, const TextureInfo *info, float footprint)
+{
+    float stretch = fabs(use->matrix[0] * use->matrix[3] - use->matrix[1] * use->matrix[2]);
+    float area = footprint * footprint * stretch * ((float)info->width * (float)info->height);
+    return clamp(0.5f * log2(max(area, 1.0e-12f)), 0.0f, (float)(info->packed & 0xffu) - 1.0f);
+}
+
+static float4 sample_texture(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
+{
+    TextureInfo info = scene->textures[use->texture];
+    float2 at = place_in_texture(use, &info, uv);
+    float lod = level_of_detail(use, &info, footprint);
     // Two levels are blended only about half way between them: elsewhere the nearer one serves alone,
     // which spares more than half of the second look-ups and does not show.
     uint level = (uint)lod;
@@ -74,4 +103,12 @@ static float4 sample_texture(const Scene *scene, __global const TextureUse *use,
         return texture_level(scene, &info, level + 1u, at);
     float4 fine = texture_level(scene, &info, level, at);
     return blend > 0.0f ? mix(fine, texture_level(scene, &info, level + 1u, at), blend) : fine;
+}
+
+// The texel nearest to a place in the nearest level: for what need not be smooth.
+static float4 nearest_texel(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
+{
+    TextureInfo info = scene->textures[use->texture];
+    uint level = (uint)(level_of_detail(use, &info, footprint) + 0.5f);
+    return texel_at(scene, &info, level, place_in_texture(use, &info, uv));
 }

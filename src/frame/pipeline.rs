@@ -103,12 +103,30 @@ impl Renderer {
         config: &Config,
         output: Output,
     ) -> Result<(Self, Vec<Step>)> {
+        let (sharing, probe_step) = timed("sharing probe", || Ok(interop::probe(device, context)))?;
+        let (renderer, mut steps) = Self::with_sharing(device, context, loaded, config, output, sharing)?;
+        steps.push(probe_step);
+        Ok((renderer, steps))
+    }
+
+    /// Like [`Renderer::new`], with samples shared in a given way: [`Sharing::Staged`] works everywhere,
+    /// [`Sharing::ZeroCopy`] only where [`interop::probe`] has found that it does.
+    ///
+    /// # Errors
+    /// Where a device refuses, or the scene does not fit it.
+    pub fn with_sharing(
+        device: &Device,
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+        sharing: Sharing,
+    ) -> Result<(Self, Vec<Step>)> {
         let (tracer, tracer_step) = timed("kernels and upload", || {
             Tracer::new(device, &loaded.scene, &loaded.bvh, &loaded.environment)
         })?;
         let (reconstruction, shaders_step) =
             timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
-        let (sharing, probe_step) = timed("sharing probe", || Ok(interop::probe(device, context)))?;
         let renderer = Renderer {
             tracer,
             reconstruction,
@@ -123,7 +141,7 @@ impl Renderer {
             views: Vec::new(),
             image: None,
         };
-        Ok((renderer, vec![tracer_step, shaders_step, probe_step]))
+        Ok((renderer, vec![tracer_step, shaders_step]))
     }
 
     /// Renders one frame into the renderer's picture. `gaze` has a point for each traced view, in 0..1

@@ -71,7 +71,8 @@ impl Default for GuidedSettings {
 pub struct Settings {
     /// How pixels are made.
     pub mode: Mode,
-    /// Samples that each pixel averages: 1 to [`MAX_K`]; fewer where the pattern has fewer.
+    /// Samples that each pixel averages: 1 to [`MAX_K`]; fewer where the pattern has fewer, and 1 where
+    /// every pixel has a sample of its own.
     pub k: u32,
     /// Weights by distance.
     pub weights: Weights,

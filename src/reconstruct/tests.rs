@@ -114,14 +114,21 @@ fn a_constant_stays_constant() {
         }
         let mut bench = Bench::new(&context, Mode::default(), size, samples);
         let facing = normal(&bench.view, TOWARD);
-        let colour = |x: u32| albedo([255, 40 + 20 * (x % 7), 128 * (x % 2)]);
+        // Every other pixel is metal, with no F0 in blue.
+        let metal = |x: u32| x % 2;
+        let colour = |x: u32| albedo([255, 40 + 20 * (x % 7), 128 * (1 - metal(x))]);
         let picture = bench.render(
             |_, _| SampleRecord { first: [2.0, 3.0, 4.0], depth: 5.0, second: [0.5; 3], normal: facing },
-            |x, _| VisibilityRecord { normal: facing, depth: 5.0, albedo: colour(x).0, emission: 0 },
+            |x, _| {
+                let albedo = colour(x).0 | 15 * metal(x) << 24;
+                VisibilityRecord { normal: facing, depth: 5.0, albedo, emission: 0 }
+            },
         );
         for (index, pixel) in picture.iter().enumerate() {
-            let a = colour(index as u32 % size.0).1;
-            assert_close(*pixel, [2.0 * a[0] + 0.5, 3.0 * a[1] + 0.5, 4.0 * a[2] + 0.5], 1e-5, index);
+            let (a, m) = (colour(index as u32 % size.0).1, metal(index as u32 % size.0) as f32);
+            let f0 = a.map(|a| (0.04 * (1.0 - m) + a * m).max(1e-3));
+            let expected = [0, 1, 2].map(|c| (2.0 + c as f32) * (1.0 - m) * a[c] + 0.5 * f0[c]);
+            assert_close(*pixel, expected, 1e-5, index);
         }
     }
     testing::assert_valid(&context);
@@ -250,7 +257,7 @@ fn what_is_not_finite_does_not_spread() {
             let picture = bench.render(record, |_, _| seen);
             assert_eq!(bench.reconstruction.dropped(0), count);
             for (index, pixel) in picture.iter().enumerate() {
-                assert_close(*pixel, [3.0; 3], 1e-4, (index, part, wrong));
+                assert_close(*pixel, [2.0 + 0.04; 3], 1e-4, (index, part, wrong));
             }
         }
     }

@@ -76,7 +76,7 @@ mod tests {
 
     fn upper(random: &mut Random) -> DVec3 {
         let direction = on_sphere(random);
-        DVec3::new(direction.x, direction.y.abs().max(1e-3), direction.z).normalize()
+        DVec3::new(direction.x, direction.y.abs().max(0.02), direction.z).normalize()
     }
 
     #[test]

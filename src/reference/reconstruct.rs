@@ -4,17 +4,17 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Distances below this many pixels count as this, so that a sample at its own pixel has a finite weight.
-pub const LEAST_DISTANCE: f64 = 1e-3;
+pub const LEAST_DISTANCE: f64 = 1e-6;
 
-/// How a sample's weight falls with its distance d in pixels.
+/// How a sample's weight falls with its distance d in pixels. R is the distance of the (k+1)-th
+/// neighbour, or twice that of the farthest where there is no other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WeightKind {
-    /// `((R - d)+ / (R d))²` with R the distance of the (k+1)-th neighbour, or of the k-th where
-    /// there is no other (Franke and Nielson 1980, after Shepard 1968).
+    /// `((R - d)+ / (R d))²` (Franke and Nielson 1980, after Shepard 1968).
     Shepard,
-    /// `exp(-d² / (2 (0.5 d_k)²))` with d_k the distance of the k-th neighbour.
+    /// `exp(-4.5 (d / R)²)`, with an R of at least 1.
     Gaussian,
-    /// `1 / d`.
+    /// `1 / d²`.
     Inverse,
 }
 
@@ -49,13 +49,13 @@ pub fn weights(samples: &[[u32; 2]], pixel: [u32; 2], k: usize, kind: WeightKind
     let k = k.max(1);
     let mut near = nearest(samples, pixel, k.saturating_add(1));
     let distance = |n: &Neighbour| n.distance.max(LEAST_DISTANCE);
-    let reach = near.last().map_or(0.0, distance);
+    let another = if near.len() > k { 1.0 } else { 2.0 };
+    let reach = near.last().map_or(0.0, |n| another * n.distance);
     near.truncate(k);
-    let farthest = near.last().map_or(0.0, distance);
     let weight = |d: f64| match kind {
-        WeightKind::Shepard => ((reach - d).max(0.0) / (reach * d)).powi(2),
-        WeightKind::Gaussian => (-d * d / (2.0 * (0.5 * farthest).powi(2))).exp(),
-        WeightKind::Inverse => 1.0 / d,
+        WeightKind::Shepard => ((reach - d).max(0.0) / (reach.max(LEAST_DISTANCE) * d)).powi(2),
+        WeightKind::Gaussian => (-4.5 * (d / reach.max(1.0)).powi(2)).exp(),
+        WeightKind::Inverse => 1.0 / (d * d),
     };
     let raw: Vec<f64> = near.iter().map(|n| weight(distance(n))).collect();
     let sum: f64 = raw.iter().sum();
@@ -108,8 +108,11 @@ mod tests {
             weights[0].1 / weights[1].1
         };
         assert!((ratio(WeightKind::Shepard) - (0.75f64 / 0.25).powi(2)).abs() < 1e-9);
-        assert!((ratio(WeightKind::Gaussian) - (1.5f64).exp()).abs() < 1e-9);
-        assert!((ratio(WeightKind::Inverse) - 2.0).abs() < 1e-9);
+        assert!((ratio(WeightKind::Gaussian) - (4.5f64 * 3.0 / 16.0).exp()).abs() < 1e-9);
+        assert!((ratio(WeightKind::Inverse) - 4.0).abs() < 1e-9);
+        // Without a third sample R is twice the farther one's distance: 4 as well.
+        let two = weights(&samples[..2], [0, 0], 2, WeightKind::Shepard);
+        assert_eq!(two, weights(&samples, [0, 0], 2, WeightKind::Shepard));
     }
 
     #[test]

@@ -16,6 +16,8 @@ const GROUP: usize = 8;
 
 /// Pixels across and down that a work-item of `trace_pixels` takes: `BLOCK` of frustum.h.
 const BLOCK: u32 = 8;
+/// Pixels that a work-item of `describe_pixels` takes: `RUN` of visibility.cl.
+const RUN: usize = 16;
 
 /// How samples are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -216,7 +218,7 @@ impl Tracer {
             Arg::buffer(&self.hits),
             Arg::buffer(records),
         ]);
-        let describe = self.describe_pixels.launch(&args, view.pixels(), 64)?;
+        let describe = self.describe_pixels.launch(&args, view.pixels().div_ceil(RUN), GROUP)?;
         let mut events = vec![trace, describe];
         if let Some(kernel) = &self.light_pixels {
             let mut args = self.scene.args();

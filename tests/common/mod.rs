@@ -1,10 +1,25 @@
-//! What the integration tests share: where the test data is.
+//! What the integration tests share: where the test data is, and the device that presents.
 
 #![allow(dead_code)] // No test uses everything.
 
 pub mod builder;
 
 use std::path::PathBuf;
+
+use foveate::gpu::vulkan::{Context, ContextOptions};
+
+/// A Vulkan device under the validation layer; says so where there is none. On machines that promise one
+/// (CI=true) that is a failure.
+pub fn vulkan() -> Option<Context> {
+    match Context::new(&ContextOptions { validation: true, ..ContextOptions::default() }) {
+        Ok(context) => Some(context),
+        Err(error) => {
+            assert!(std::env::var("CI").as_deref() != Ok("true"), "{error}");
+            println!("not run: no Vulkan device ({error})");
+            None
+        }
+    }
+}
 
 /// A file or folder of the test data; says so on standard error when it is not there.
 pub fn data(relative: &str) -> Option<PathBuf> {

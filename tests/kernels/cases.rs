@@ -85,7 +85,11 @@ fn suns() {
         // The floor mirrors it into the middle of the view.
         let direction = Vec3::new(0.1, 1.2, -3.0).normalize();
         let sun = |radius: f32, radiance: f32| Environment {
-            sun: Some(Sun { direction, cos_radius: radius.to_radians().cos(), radiance: Vec3::splat(radiance) }),
+            sun: Some(Sun {
+                direction,
+                cos_radius: radius.to_radians().cos(),
+                radiance: Vec3::splat(radiance),
+            }),
             ..dark()
         };
         let case = |name, angle, material: Material, light| {
@@ -131,7 +135,11 @@ fn speckled() -> Scene {
 #[test]
 fn textures() {
     let sunny = || {
-        let sun = Sun { direction: Vec3::new(0.6, 0.5, 0.4).normalize(), cos_radius: 0.999, radiance: Vec3::splat(300.0) };
+        let sun = Sun {
+            direction: Vec3::new(0.6, 0.5, 0.4).normalize(),
+            cos_radius: 0.999,
+            radiance: Vec3::splat(300.0),
+        };
         Environment { sun: Some(sun), ..colourful() }
     };
     assert_all_agree(|| {
@@ -165,7 +173,11 @@ fn panes(alpha: AlphaMode) -> Scene {
 #[test]
 fn alpha() {
     let light = || {
-        let sun = Sun { direction: Vec3::new(0.1, 0.9, -0.2).normalize(), cos_radius: 0.99, radiance: Vec3::splat(30.0) };
+        let sun = Sun {
+            direction: Vec3::new(0.1, 0.9, -0.2).normalize(),
+            cos_radius: 0.99,
+            radiance: Vec3::splat(30.0),
+        };
         Environment { sun: Some(sun), ..colourful() }
     };
     assert_all_agree(|| {
@@ -175,7 +187,11 @@ fn alpha() {
             Case { paths: 16_000, ..Case::new("MASK", panes(AlphaMode::Mask(0.5)), light()) },
             Case { paths: 16_000, ..Case::new("BLEND", panes(AlphaMode::Blend), light()) },
             Case::new("BLEND before punctual lights", lit, dark()),
-            Case { bounces: 1, paths: 16_000, ..Case::new("BLEND, one bounce", panes(AlphaMode::Blend), light()) },
+            Case {
+                bounces: 1,
+                paths: 16_000,
+                ..Case::new("BLEND, one bounce", panes(AlphaMode::Blend), light())
+            },
         ]
     });
 }

@@ -116,9 +116,12 @@ fn rays_aimed_at_vertices_never_slip_through() {
 fn closed_surface_has_no_holes() {
     on_every_device(|device| {
         let mut rays = 0;
-        for (levels, centre, radius) in
-            [(0, Vec3::ZERO, 1.0f32), (3, Vec3::ZERO, 1e-6), (5, Vec3::ZERO, 1e6), (4, Vec3::splat(700.0), 2.5)]
-        {
+        for (levels, centre, radius) in [
+            (0, Vec3::ZERO, 1.0f32),
+            (3, Vec3::ZERO, 1e-6),
+            (5, Vec3::ZERO, 1e6),
+            (4, Vec3::splat(700.0), 2.5),
+        ] {
             let scene = scenes::sphere(levels, centre, radius, matt(0.5));
             let middle = centre.as_dvec3();
             for (offset, target) in [

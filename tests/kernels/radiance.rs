@@ -68,7 +68,7 @@ fn kernel_means(device: &Device, case: &Case, light: &Environment) -> Vec<Estima
 }
 
 fn reference_means(case: &Case) -> Vec<Estimate> {
-    let seed: u64 = case.name.bytes().fold(0, |sum, byte| 131 * sum + u64::from(byte));
+    let seed: u64 = case.name.bytes().fold(0, |sum, byte| sum.wrapping_mul(131) + u64::from(byte));
     let mut renderer = Renderer::new(&case.scene, &case.light);
     renderer.bounces = case.bounces;
     let mean = |(i, at): (usize, &u32)| {

@@ -20,7 +20,7 @@ fn eye() -> View {
 
 /// A floor, a block and a ball seen from inside and outside, each of another material.
 fn still_life() -> Scene {
-    let red = Material { emissive: Vec3::new(0.3, 40.0, 1e-3), ..metal(Vec3::new(0.9, 0.1, 0.02), 0.35) };
+    let red = Material { emissive: Vec3::new(0.3, 40.0, 1e-3), ..metal(Vec3::new(0.9, 0.1, 0.0), 0.35) };
     let mut scene = scene_of(vec![matt(0.37), red]);
     floor(&mut scene, 6.0, 0.0, 0);
     cuboid(&mut scene, Vec3::new(-0.9, 0.0, -0.5), Vec3::new(0.1, 0.8, 0.4), 1);
@@ -80,7 +80,10 @@ fn visibility_is_what_the_reference_sees() {
             assert!(normal.distance(surface.normal) < 2e-4, "{pixel}: {normal} {}", surface.normal);
             for channel in 0..3 {
                 let code = surface.base_color[channel as usize].sqrt() * 255.0;
-                assert!((root_code(record.albedo, channel) - code).abs() < 0.51, "{pixel}: {record:?} {code}");
+                assert!(
+                    (root_code(record.albedo, channel) - code).abs() < 0.51,
+                    "{pixel}: {record:?} {code}"
+                );
             }
             let four = |shift: u32| f64::from(record.albedo >> shift & 15) / 15.0;
             assert!((four(24) - surface.metallic).abs() < 0.51 / 15.0, "{pixel}");
@@ -206,7 +209,8 @@ fn specialised_kernels_are_the_general_ones() {
                 let (special, general) = (trace(&required), trace(&EVERYTHING));
                 assert_eq!(special.hits, general.hits, "{name}");
                 assert_eq!(special.visibility, general.visibility, "{name}");
-                let differ = bits(&special.samples).iter().zip(bits(&general.samples)).filter(|(a, b)| a != b);
+                let differ =
+                    bits(&special.samples).iter().zip(bits(&general.samples)).filter(|(a, b)| a != b);
                 assert_eq!(differ.count(), 0, "{name}: words that differ");
             }
         }

@@ -105,7 +105,7 @@ pub fn slivers(seed: u64, count: usize) -> Scene {
 pub fn grid(cells: usize, step: f32) -> Scene {
     let half = cells as f32 * step * 0.5;
     let at = |x: usize, y: usize| {
-        let bump = if (x + y) % 3 == 0 { 0.25 * step } else { 0.0 };
+        let bump = if (x + y).is_multiple_of(3) { 0.25 * step } else { 0.0 };
         Vec3::new(x as f32 * step - half, y as f32 * step - half, bump)
     };
     let mut scene = shape([]);

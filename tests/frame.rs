@@ -1,0 +1,167 @@
+//! Whole frames: from a scene to finished pictures, through the first usable device of each kind.
+
+mod common;
+
+use foveate::bvh::WideBvh;
+use foveate::config::{Config, Method, Samples, Stereo};
+use foveate::frame::stereo::parallel_eyes;
+use foveate::frame::{Loaded, Output, Plan, Renderer};
+use foveate::gpu::interop::{self, Sharing};
+use foveate::gpu::opencl::{Device, device};
+use foveate::gpu::vulkan::Context;
+use foveate::math::pose::Pose;
+use foveate::math::view::{FieldOfView, View};
+use foveate::measure::Picture;
+use foveate::measure::metric::{Viewing, compare};
+use foveate::scene::generate::voxel_town;
+use glam::{DQuat, DVec2, DVec3};
+
+const WIDTH: u32 = 160;
+const HEIGHT: u32 = 100;
+
+/// Both devices; says so where one is missing. On machines that promise them (CI=true) that is a failure.
+fn machine() -> Option<(Device, Context)> {
+    let context = common::vulkan()?;
+    let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "no OpenCL device");
+        println!("not run: no OpenCL device");
+        return None;
+    };
+    Some((Device::open(&info).unwrap(), context))
+}
+
+fn config(method: Method, samples: Samples, rays: u32) -> Config {
+    let mut config = Config::default();
+    config.reconstruction.method = method;
+    config.foveation.samples = samples;
+    config.trace.rays = rays;
+    config
+}
+
+/// A small block town under the default sky, `scale` times as large.
+fn town(scale: f32) -> Loaded {
+    let bytes = voxel_town::generate(20_000, 1).unwrap();
+    let mut loaded = Loaded::from_glb("town", &bytes, &Config::default()).unwrap();
+    if scale != 1.0 {
+        loaded.scene.mesh.positions.iter_mut().for_each(|p| *p *= scale);
+        loaded.bvh = WideBvh::build(&loaded.scene.mesh.positions, &loaded.scene.mesh.triangles);
+    }
+    loaded
+}
+
+/// Over the town's corner, looking at its middle.
+fn lookout(loaded: &Loaded) -> Pose {
+    let (low, high) = loaded.scene.mesh.bounds().unwrap();
+    let (low, high) = (low.as_dvec3() + loaded.scene.anchor, high.as_dvec3() + loaded.scene.anchor);
+    let middle = (low + high) * 0.5;
+    Pose::look_at(middle + (high - low) * DVec3::new(0.45, 0.6, 0.55), middle)
+}
+
+fn view(loaded: &Loaded) -> View {
+    let fov = FieldOfView::symmetric(50f64.to_radians(), f64::from(WIDTH) / f64::from(HEIGHT));
+    View { world_from_eye: lookout(loaded), fov, width: WIDTH, height: HEIGHT }
+}
+
+fn renderer((device, context): &(Device, Context), loaded: &Loaded, config: &Config) -> Renderer {
+    Renderer::new(device, context, loaded, config, Output::Radiance).unwrap().0
+}
+
+/// The renderer's picture of a plan.
+fn picture(renderer: &mut Renderer, plan: &Plan, gaze: &[DVec2]) -> Picture {
+    let report = renderer.frame(plan, gaze, 3).unwrap();
+    assert_eq!(report.dropped, 0);
+    let pixels: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&renderer.picture().unwrap());
+    Picture::new(plan.width, plan.height, pixels.iter().map(|p| [p[0], p[1], p[2]]).collect()).unwrap()
+}
+
+fn psnr(picture: &Picture, reference: &Picture) -> f64 {
+    compare(picture, reference, Viewing::default()).unwrap().psnr
+}
+
+#[test]
+fn both_reconstructions_come_close_to_the_full_picture() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let plan = Plan::mono(view(&loaded));
+    let render = |method, samples, plan: &Plan| {
+        picture(&mut renderer(&machine, &loaded, &config(method, samples, 128)), plan, &[])
+    };
+    let full = render(Method::KNearest, Samples::Full, &plan);
+    let third = Samples::Count((WIDTH * HEIGHT / 3) as usize);
+    let found = [
+        psnr(&render(Method::Guided, Samples::Full, &plan), &full),
+        psnr(&render(Method::Guided, third, &plan), &full),
+        psnr(&render(Method::KNearest, third, &plan), &full),
+    ];
+    println!(
+        "PSNR against full: guided full {:.1}, guided {:.1}, k-NN {:.1} dB",
+        found[0], found[1], found[2]
+    );
+    // With a sample in every pixel only the packing of colours is left; else k-NN blurs what it skips, and
+    // guided reconstruction does so less.
+    assert!(found[0] > 50.0 && found[1] > 28.5 && found[2] > 25.5, "{found:?}");
+    // A picture of something else is far away.
+    let mut turned = plan.clone();
+    turned.views[0].0.world_from_eye.rotation *= DQuat::from_rotation_y(0.1);
+    let other = psnr(&render(Method::KNearest, Samples::Full, &turned), &full);
+    println!("turned by 0.1 rad: {other:.1} dB");
+    assert!(other < 18.0, "{other}");
+    assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
+}
+
+/// Eyes whose fields of view overlap by three quarters, before a town so large that they see the same.
+fn eyes(loaded: &Loaded) -> [View; 2] {
+    let fov = FieldOfView { left: -0.5, right: 0.3, up: 0.5, down: -0.5 };
+    let [left, right] = parallel_eyes(lookout(loaded), 0.064, fov, 80, HEIGHT);
+    [left, View { fov: FieldOfView { left: -0.3, right: 0.5, ..fov }, ..right }]
+}
+
+#[test]
+fn both_kinds_of_stereo_agree_on_what_is_far_away() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1000.0);
+    let eyes = eyes(&loaded);
+    let mut renderer = renderer(&machine, &loaded, &config(Method::KNearest, Samples::Full, 256));
+    let mut render = |stereo| picture(&mut renderer, &Plan::stereo(eyes, stereo).unwrap(), &[]);
+    let (apart, shared) = (render(Stereo::PerEye), render(Stereo::Shared));
+    let found = psnr(&shared, &apart);
+    println!("shared against per-eye: {found:.1} dB");
+    assert!(found > 30.0, "{found}");
+    // Swapped eyes are noticed.
+    let swapped = Picture {
+        pixels: apart.pixels.chunks(160).flat_map(|row| [&row[80..], &row[..80]].concat()).collect(),
+        ..apart
+    };
+    let wrong = psnr(&shared, &swapped);
+    println!("with swapped eyes: {wrong:.1} dB");
+    assert!(wrong < 20.0, "{wrong}");
+    assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
+}
+
+#[test]
+fn copied_samples_give_the_same_picture_as_shared_ones() {
+    let Some((device, context)) = machine() else { return };
+    if interop::probe(&device, &context) != Sharing::ZeroCopy {
+        println!("not run: these devices do not share memory");
+        return;
+    }
+    let loaded = town(1.0);
+    let plan = Plan::stereo(eyes(&loaded), Stereo::PerEye).unwrap();
+    for method in [Method::Guided, Method::KNearest] {
+        let config = config(method, Samples::Count(2500), 16);
+        let render = |sharing| {
+            let made = Renderer::with_sharing(&device, &context, &loaded, &config, Output::Display, sharing);
+            let mut renderer = made.unwrap().0;
+            assert_eq!(renderer.sharing(), sharing);
+            // A moving gaze makes new patterns, some of them in old memory.
+            [0.5, 0.1, 0.9].map(|x| {
+                renderer.frame(&plan, &[DVec2::new(x, 0.4); 2], 3).unwrap();
+                renderer.picture().unwrap()
+            })
+        };
+        let (shared, copied) = (render(Sharing::ZeroCopy), render(Sharing::Staged));
+        assert!(shared[0].iter().any(|&byte| byte > 100) && shared[0] != shared[1]);
+        assert!(shared == copied, "{method:?}: pictures differ");
+    }
+    assert_eq!(context.validation_messages(), Vec::<String>::new());
+}
