@@ -343,8 +343,16 @@ pub fn pack_normal(n: [f32; 3]) -> u32 {
 /// [`pack_normal`] with 12 bits each, in the low 24 bits.
 pub fn pack_normal24(n: [f32; 3]) -> u32 {
     let packed = pack_normal(n);
-    let shorter = |v: u32| (f32::from(v as u16 as i16) * (2047.0 / 32767.0)).round_ties_even() as i32 as u32 & 0xfff;
+    let shorter =
+        |v: u32| (f32::from(v as u16 as i16) * (2047.0 / 32767.0)).round_ties_even() as i32 as u32 & 0xfff;
     shorter(packed & 0xffff) | shorter(packed >> 16) << 12
+}
+
+/// Undoes [`pack_normal24`].
+pub fn unpack_normal24(packed: u32) -> [f32; 3] {
+    let axis = |v: u32| ((v << 20) as i32 >> 20) as f32 / 2047.0;
+    let longer = |v: f32| ((v.clamp(-1.0, 1.0) * 32767.0).round() as i32 as u32) & 0xffff;
+    unpack_normal(longer(axis(packed)) | longer(axis(packed >> 12)) << 16)
 }
 
 /// Undoes [`pack_normal`].
@@ -395,6 +403,9 @@ mod tests {
             let back = unpack_normal(pack_normal(n));
             let cosine: f32 = n.iter().zip(back).map(|(a, b)| a * b).sum();
             assert!(cosine > 0.999_999, "{n:?} {back:?}");
+            let back = unpack_normal24(pack_normal24(n) | SUN_VISIBLE);
+            let cosine: f32 = n.iter().zip(back).map(|(a, b)| a * b).sum();
+            assert!(cosine > 0.999_99, "{n:?} {back:?}");
         }
     }
 }

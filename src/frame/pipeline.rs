@@ -14,8 +14,8 @@ use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
-use crate::scene::Sun;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
+use crate::scene::Sun;
 use crate::trace::{self, TracePattern, Tracer};
 
 /// What the finished picture's numbers are.
