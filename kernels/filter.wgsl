@@ -23,8 +23,8 @@ var<immediate> parameters: Parameters;
 // Two for each SampleRecord: first and depth, second and normal.
 @group(0) @binding(0) var<storage, read> samples: array<vec4<u32>>;
 // k-nearest: one for each sample: radiance (red negative if there is none), 0.
-// Guided: two for each sample: first and depth, second and the normal as three signed numbers of ten
-// bits, which read faster than two of an octahedron; depth is negative where the values
+// Guided: two for each sample: first and depth, second and the normal as three signed bytes,
+// which read faster than an octahedron, with the sun's byte; depth is negative where the values
 // are borrowed from neighbours, and 0 where there is nothing to borrow.
 @group(0) @binding(1) var<storage, read_write> prepared: array<vec4<u32>>;
 // Samples that were not finite.
@@ -53,9 +53,10 @@ fn is_usable(first: vec4<u32>, second: vec4<u32>) -> bool {
         && is_finite(bitcast<f32>(first.w));
 }
 
-fn keep(index: u32, first: vec3<f32>, depth: f32, second: vec3<f32>, normal: vec3<f32>) {
+// `sun`: as in the high byte of SampleRecord's normal.
+fn keep(index: u32, first: vec3<f32>, depth: f32, second: vec3<f32>, normal: vec3<f32>, sun: u32) {
     prepared[2u * index] = vec4(bitcast<vec3<u32>>(max(first, vec3(0.0))), bitcast<u32>(depth));
-    prepared[2u * index + 1u] = vec4(bitcast<vec3<u32>>(max(second, vec3(0.0))), pack_axes(normal));
+    prepared[2u * index + 1u] = vec4(bitcast<vec3<u32>>(max(second, vec3(0.0))), pack_axes(normal, sun));
 }
 
 @compute @workgroup_size(64)
@@ -67,11 +68,12 @@ fn take_records(@builtin(global_invocation_id) id: vec3<u32>) {
     let second = samples[2u * id.x + 1u];
     if !is_usable(first, second) {
         atomicAdd(&dropped, 1u);
-        keep(id.x, vec3(0.0), 0.0, vec3(0.0), vec3(0.0));
+        keep(id.x, vec3(0.0), 0.0, vec3(0.0), vec3(0.0), 0u);
         return;
     }
     let depth = max(bitcast<f32>(first.w), 0.0);
-    keep(id.x, bitcast<vec3<f32>>(first.xyz), depth, bitcast<vec3<f32>>(second.xyz), unpack_normal(second.w));
+    let normal = unpack_normal24(second.w);
+    keep(id.x, bitcast<vec3<f32>>(first.xyz), depth, bitcast<vec3<f32>>(second.xyz), normal, second.w >> 24u);
 }
 
 @compute @workgroup_size(64)
@@ -91,7 +93,8 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = positions[id.x];
     let x = f32(at & 0xffffu);
     let y = f32(at >> 16u);
-    let normal = unpack_normal(own_second.w);
+    let normal = unpack_normal24(own_second.w);
+    let sun_centre = own_second.w >> 24u & 1u;
     let point = point_at(parameters.rays, x, y, own_depth);
     let pixel_width = parameters.pixel_width * own_depth;
 
@@ -107,6 +110,8 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     var second = vec3(0.0);
     var first_sum = 0.0;
     var second_sum = 0.0;
+    var sun = 0.0;
+    var sun_sum = 0.0;
     for (var j = 0u; j < parameters.neighbours; j++) {
         let index = nearest[j * parameters.count + id.x];
         let other = samples[2u * index];
@@ -119,7 +124,7 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         let other_second_value = bitcast<vec3<f32>>(other_second.xyz);
         let usable = is_usable(other, other_second) && depth > 0.0;
         let offset = point_at(parameters.rays, other_x, other_y, depth) - point;
-        let alike = exp2(normal_exponent(normal, unpack_normal(other_second.w), parameters.normal_power)
+        let alike = exp2(normal_exponent(normal, unpack_normal24(other_second.w), parameters.normal_power)
             + plane_exponent(normal, offset, parameters.plane_tolerance, pixel_width));
         let guide = select(0.0, select(alike, 1.0, hole || index == id.x), usable);
         let squared = (other_x - x) * (other_x - x) + (other_y - y) * (other_y - y);
@@ -129,10 +134,15 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         second += select(vec3(0.0), other_second_value * second_weight, usable);
         first_sum += first_weight;
         second_sum += second_weight;
+        // Half-shadows are averaged on their own side of the shadow's edge.
+        let sun_weight = select(0.0, second_weight, (other_second.w >> 24u & 1u) == sun_centre);
+        sun += sun_weight * f32(other_second.w >> 25u);
+        sun_sum += sun_weight;
     }
     let found = first_sum > 0.0;
     let depth = select(own_depth, select(0.0, -1.0, found), hole);
     first = select(vec3(0.0), first / first_sum, found);
     second = select(vec3(0.0), second / second_sum, second_sum > 0.0);
-    keep(id.x, first, depth, second, normal);
+    let seen = u32(round(select(0.0, sun / sun_sum, sun_sum > 0.0)));
+    keep(id.x, first, depth, second, normal, min(seen, 127u) << 1u | sun_centre);
 }

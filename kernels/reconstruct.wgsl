@@ -76,6 +76,9 @@ struct Light {
     sum: f32,
     // The part of the sum that samples of the pixel's own surface have.
     own: f32,
+    // What of the sun those samples see that are on the pixel's side of a shadow's edge, and their sum.
+    sun: f32,
+    sun_sum: f32,
 }
 
 // A pixel's surface.
@@ -84,6 +87,8 @@ struct Surface {
     normal: vec3<f32>,
     point: vec3<f32>,
     pixel_width: f32,
+    // 1 where the sun's centre is seen.
+    sun_centre: u32,
 }
 
 // Without a sample on the pixel's own surface, alike normals decide, and then distance alone: their
@@ -125,13 +130,15 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
     (*light).second += weight * bitcast<vec3<f32>>(sample_second.xyz);
     (*light).sum += weight;
     (*light).own += by_distance * own;
+    let sun_weight = select(0.0, by_distance * own, (sample_second.w >> 24u & 1u) == surface.sun_centre);
+    (*light).sun += sun_weight * f32(sample_second.w >> 25u) / 127.0;
+    (*light).sun_sum += sun_weight;
 }
 
 // What the pixel reflects of the sun, which only it knows to be visible: glTF's BRDF as in
 // kernels/shared/bsdf.h. The sun's disc is as good as a point on all but mirrors, where it widens
 // the highlight (Karis 2013).
-fn sunlight(record: vec4<u32>, surface: Surface, diffuse: vec3<f32>, f0: vec3<f32>) -> vec3<f32> {
-    let visible = f32(record.x >> 24u) / 255.0;
+fn sunlight(record: vec4<u32>, visible: f32, surface: Surface, diffuse: vec3<f32>, f0: vec3<f32>) -> vec3<f32> {
     let towards = vec3(parameters.rays.corner.w, parameters.rays.across.w, parameters.rays.down.w);
     let cosine = dot(surface.normal, towards);
     if visible * cosine <= 0.0 {
@@ -166,8 +173,8 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     }
     let place = vec2<f32>(at);
     let point = point_at(parameters.rays, place.x, place.y, depth);
-    let surface = Surface(place, unpack_normal24(record.x), point, parameters.pixel_width * depth);
-    var light = Light(vec3(0.0), vec3(0.0), 0.0, 0.0);
+    let surface = Surface(place, unpack_normal24(record.x), point, parameters.pixel_width * depth, record.x >> 31u);
+    var light = Light(vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
     for (var slot = pixel; slot < parameters.neighbours * pixels; slot += pixels) {
         add(&light, surface, indices[slot] - parameters.first_sample, weights[slot], 0.0);
     }
@@ -187,6 +194,7 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let metalness = unpack_metalness(record.z);
     let specular = max(mix(vec3(0.04), base, metalness), vec3(LEAST_F0));
     let diffuse = base * (1.0 - metalness);
+    let visible = select(f32(surface.sun_centre), light.sun / light.sun_sum, light.sun_sum > 0.02);
     let reflected = diffuse * light.first + specular * light.second;
-    return encode(reflected * scale + sunlight(record, surface, diffuse, specular) + emission);
+    return encode(reflected * scale + sunlight(record, visible, surface, diffuse, specular) + emission);
 }

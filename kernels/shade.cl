@@ -60,11 +60,31 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Surface
     return rays;
 }
 
+#if HAS_SUN
+// Guided samples: what of the sun's disc is seen, for the half-shadows that pixels' single rays to its
+// centre do not have.
+static float sun_seen(const Scene *scene, const Shading *shading, const Surface *s, uint sample, uint n, uint seed)
+{
+    Stream stream;
+    uint mask = 0;
+    for (uint i = 0; i < n; ++i) {
+        uint2 u = sobol(sample * n + i, seed ^ 0x51ed270bu);
+        float3 d = sample_sun(shading, (float2)(fraction(u.x), fraction(u.y)));
+        if (!(dot3(s->geometric, d) > 0.0f))
+            continue;
+        set_ray(&stream, i, d, INFINITY);
+        mask |= 1u << i;
+    }
+    uint lost = mask ? trace_stream(scene, leave_surface(s), 0.0f, &stream, mask, ANY, seed) : 0u;
+    return (float)popcount(mask & ~lost) / (float)n;
+}
+#endif
+
 // Shades samples first .. first + count into records[first ..]; counters[0] sums light rays,
 // counters[1] samples whose estimate was not finite: these are marked by a depth of -1.
 __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *samples, uint first,
-                            uint count, __global const HitRecord *hits, __global SampleRecord *records,
-                            __global uint *counters)
+                            uint count, __global const HitRecord *hits, __global const VisibilityRecord *visibility,
+                            __global SampleRecord *records, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint index = (uint)get_global_id(0);
@@ -85,10 +105,21 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __
                                hit.t * camera.step[0]);
         float3 f0 = specular_color(&s), view = -d;
         record.depth = view_depth(&camera, d, hit.t);
-        record.normal = pack_normal(s.smooth);
+        record.normal = pack_normal24(s.smooth);
         if (!s.unlit) {
             Mixture m = mixture_at(&s, &shading, f0, view, !shading.guided);
             uint rays = 0;
+#if HAS_SUN
+            uint towards_sun = (uint)((float)shading.rays * shading.sun_share);
+            if (shading.guided && towards_sun > 0u) {
+                towards_sun = min(towards_sun, 32u);
+                float seen = sun_seen(&scene, &shading, &s, index, towards_sun, camera.seed);
+                uint centre = visibility[y * camera.width + x].normal >> 31;
+                record.normal |= ((uint)(seen * 127.0f + 0.5f) << 1 | centre) << 24;
+                shading.rays -= towards_sun;
+                rays += towards_sun;
+            }
+#endif
             for (uint ray = 0; ray < shading.rays; ray += 32u)
                 rays += add_stream(&scene, &shading, &s, f0, view, &m, index, ray, camera.seed, &sum);
 #if HAS_LIGHTS

@@ -119,7 +119,8 @@ pub struct SampleRecord {
     /// Linear RGB of the specular part divided by F0 (guided).
     pub second: [f32; 3],
     /// World-space normal interpolated between vertices, without the normal map, on the viewer's side:
-    /// octahedral, two 16-bit snorms (x in the low half).
+    /// octahedral, two 12-bit snorms in the low 24 bits. In the high byte, with a sun and guided
+    /// reconstruction: bit 0 whether the sun's centre is seen, and how much of its disc as a 7-bit unorm.
     pub normal: u32,
 }
 

@@ -17,14 +17,14 @@ fn unpack_normal(packed: u32) -> vec3<f32> {
     return normalize(vec3(x + select(fold, -fold, x >= 0.0), y + select(fold, -fold, y >= 0.0), z));
 }
 
-// A vector within the unit sphere as three signed numbers of ten bits.
-fn pack_axes(v: vec3<f32>) -> u32 {
-    let codes = vec3<u32>(vec3<i32>(round(v * 511.0))) & vec3(1023u);
-    return codes.x | codes.y << 10u | codes.z << 20u;
+// A vector within the unit sphere as three signed bytes, and a fourth one of other use.
+fn pack_axes(v: vec3<f32>, fourth: u32) -> u32 {
+    let codes = vec3<u32>(vec3<i32>(round(v * 127.0))) & vec3(255u);
+    return codes.x | codes.y << 8u | codes.z << 16u | fourth << 24u;
 }
 
 fn unpack_axes(packed: u32) -> vec3<f32> {
-    return vec3<f32>(vec3(i32(packed << 22u), i32(packed << 12u), i32(packed << 2u)) >> vec3(22u)) / 511.0;
+    return vec3<f32>(vec3(i32(packed << 24u), i32(packed << 16u), i32(packed << 8u)) >> vec3(24u)) / 127.0;
 }
 
 // Octahedral, two 12-bit snorms in the low 24 bits.

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::gpu::vulkan::{Image, testing};
-use crate::layout::{pack_emission, pack_normal};
+use crate::layout::{pack_emission, pack_normal24};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
 
@@ -17,7 +17,7 @@ fn view(width: u32, height: u32) -> View {
 /// A normal of the view's own frame, as records hold it.
 fn normal(view: &View, of_eye: [f32; 3]) -> u32 {
     let world = view.world_from_eye.rotation * glam::DVec3::from(of_eye.map(f64::from));
-    pack_normal([world.x as f32, world.y as f32, world.z as f32])
+    pack_normal24([world.x as f32, world.y as f32, world.z as f32])
 }
 
 fn scattered(count: u32, width: u32, height: u32) -> Vec<u32> {

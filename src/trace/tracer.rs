@@ -165,7 +165,7 @@ impl Tracer {
             Some(records) => self.trace_all_pixels(view, &camera, &shading, records)?,
             None => vec![self.trace_only_samples(&camera, pattern)?],
         };
-        let shade = self.shade(&camera, &shading, pattern, samples)?;
+        let shade = self.shade(&camera, &shading, pattern, visibility, samples)?;
         self.device.flush()?;
         Ok(InFlight { trace, shade, camera_rays: needed as u64 })
     }
@@ -253,6 +253,7 @@ impl Tracer {
         camera: &layout::Camera,
         shading: &layout::Shading,
         pattern: &TracePattern,
+        visibility: Option<&Buffer<VisibilityRecord>>,
         samples: &Buffer<SampleRecord>,
     ) -> Result<Event> {
         let mut args = self.scene.args();
@@ -263,6 +264,7 @@ impl Tracer {
             Arg::U32(0),
             Arg::U32(pattern.count as u32),
             Arg::buffer(&self.hits),
+            visibility.map_or(Arg::NONE, Arg::buffer),
             Arg::buffer(samples),
             Arg::buffer(&self.counters),
         ]);
