@@ -2,7 +2,8 @@
 
 use super::*;
 
-const MOCK: &str = "mock scene.glb --json --width 96 --height 32 --samples 200 --rays 2 --position 0,1,4";
+const MOCK: &str = "mock scene.glb --json --width 96 --height 32 --samples 200 --rays 2 \
+                    --position 0.2,1,2.5 --look-at 0,0.8,0";
 
 /// The lines of `frames.jsonl`.
 fn frames(folder: &Path) -> Vec<Value> {
@@ -81,7 +82,8 @@ fn rendering_flags_hold_for_the_mock_headset() {
         "--look-at 9,0,0",
         "--law uniform",
     ] {
-        assert!(differing(&base, &first(flags).0) > 100, "{flags} changes nothing");
+        let changed = differing(&base, &first(flags).0);
+        assert!(changed > 100, "{flags} changes {changed} pixels");
     }
     let (mono, told, _) = first("--stereo mono --samples 900");
     assert_eq!((mono.dimensions(), &told["samples"]), ((96, 32), &json!(900)));
