@@ -25,6 +25,10 @@ struct Parameters {
     // Samples, and how many of them are known to be nearest to each; 1 where that is not known.
     count: u32,
     sample_neighbours: u32,
+    // Irradiance by the sun of a surface that faces it; towards it is (corner, across, down).w of `rays`.
+    sun_red: f32,
+    sun_green: f32,
+    sun_blue: f32,
 }
 var<immediate> parameters: Parameters;
 
@@ -89,6 +93,9 @@ const SHARE_OF_DISTANCE = 1e-7;
 const SHARE_OF_HOLES = 1e-10;
 // Samples' specular light is divided by F0, or by this where that is less.
 const LEAST_F0 = 1e-3;
+const PI = 3.14159265;
+// Half the sun's angular radius, by which a disc widens a highlight.
+const SUN_RADIUS = 0.0023;
 // With less weight than this on its own surface, a pixel looks at more samples.
 const ENOUGH = 0.05;
 
@@ -120,6 +127,32 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
     (*light).own += by_distance * own;
 }
 
+// What the pixel reflects of the sun, which only it knows to be visible: glTF's BRDF as in
+// kernels/shared/bsdf.h. The sun's disc is as good as a point on all but mirrors, where it widens
+// the highlight (Karis 2013).
+fn sunlight(record: vec4<u32>, surface: Surface, diffuse: vec3<f32>, f0: vec3<f32>) -> vec3<f32> {
+    let visible = f32(record.x >> 24u) / 255.0;
+    let towards = vec3(parameters.rays.corner.w, parameters.rays.across.w, parameters.rays.down.w);
+    let cosine = dot(surface.normal, towards);
+    if visible * cosine <= 0.0 {
+        return vec3(0.0);
+    }
+    let view = -normalize(surface.point);
+    let half_way = normalize(view + towards);
+    let nv = max(dot(surface.normal, view), 1e-4);
+    let nh = clamp(dot(surface.normal, half_way), 0.0, 1.0);
+    let vh = clamp(dot(view, half_way), 0.0, 1.0);
+    let roughness = unpack_roughness(record.z);
+    let alpha = clamp(roughness * roughness + SUN_RADIUS, 1e-3, 1.0);
+    let a2 = alpha * alpha;
+    let fresnel = f0 + (1.0 - f0) * pow(1.0 - vh, 5.0);
+    let bell = nh * nh * (a2 - 1.0) + 1.0;
+    let ggx = a2 / (PI * bell * bell);
+    let smith = cosine * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(cosine * cosine * (1.0 - a2) + a2);
+    let brdf = diffuse * (1.0 - fresnel) / PI + fresnel * (ggx * 0.5 / smith);
+    return brdf * (visible * cosine) * vec3(parameters.sun_red, parameters.sun_green, parameters.sun_blue);
+}
+
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let at = view_pixel(position);
@@ -133,7 +166,7 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     }
     let place = vec2<f32>(at);
     let point = point_at(parameters.rays, place.x, place.y, depth);
-    let surface = Surface(place, unpack_normal(record.x), point, parameters.pixel_width * depth);
+    let surface = Surface(place, unpack_normal24(record.x), point, parameters.pixel_width * depth);
     var light = Light(vec3(0.0), vec3(0.0), 0.0, 0.0);
     for (var slot = pixel; slot < parameters.neighbours * pixels; slot += pixels) {
         add(&light, surface, indices[slot] - parameters.first_sample, weights[slot], 0.0);
@@ -153,6 +186,7 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let base = unpack_base(record.z);
     let metalness = unpack_metalness(record.z);
     let specular = max(mix(vec3(0.04), base, metalness), vec3(LEAST_F0));
-    let reflected = base * (1.0 - metalness) * light.first + specular * light.second;
-    return encode(reflected * scale + emission);
+    let diffuse = base * (1.0 - metalness);
+    let reflected = diffuse * light.first + specular * light.second;
+    return encode(reflected * scale + sunlight(record, surface, diffuse, specular) + emission);
 }

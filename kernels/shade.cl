@@ -53,7 +53,7 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Surface
             light = follow_path(scene, shading, origin, d, stream.triangle[i], stream.t_max[i], shading->bounces,
                                 hash(sample * 32u + i + hash(seed + first_ray)), &rays) * indirect[i];
         else
-            light = distant_light(scene, shading, d, s->occlusion);
+            light = distant_light(scene, shading, d, s->occlusion, !shading->guided);
         sum->diffuse += weights[i].diffuse * light;
         sum->specular += weights[i].specular * light;
     }
@@ -87,7 +87,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __
         record.depth = view_depth(&camera, d, hit.t);
         record.normal = pack_normal(s.smooth);
         if (!s.unlit) {
-            Mixture m = mixture_at(&s, &shading, f0, view);
+            Mixture m = mixture_at(&s, &shading, f0, view, !shading.guided);
             uint rays = 0;
             for (uint ray = 0; ray < shading.rays; ray += 32u)
                 rays += add_stream(&scene, &shading, &s, f0, view, &m, index, ray, camera.seed, &sum);

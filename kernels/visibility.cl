@@ -29,7 +29,7 @@ static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, floa
         metallic *= mr.z;
     }
 #endif
-    VisibilityRecord record = {pack_normal(face_viewer(smooth_normal(spot), d, spot->facet->geometric)), depth,
+    VisibilityRecord record = {pack_normal24(face_viewer(smooth_normal(spot), d, spot->facet->geometric)), depth,
                                pack_albedo(base, metallic, roughness), pack_emission(emission)};
     return record;
 }

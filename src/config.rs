@@ -8,6 +8,7 @@ use toml::{Table, Value};
 
 use crate::error::{Error, Result};
 use crate::foveation::Law;
+use crate::measure::picture::MAX_PIXELS;
 use crate::scene::sky::Sky;
 
 /// Everything that can be set. [`Config::default`] is the truth; `configs/default.toml` repeats it with
@@ -65,7 +66,7 @@ pub enum Stereo {
 pub struct FoveationConfig {
     /// How their density falls off with distance from the gaze.
     pub law: Law,
-    /// How many there are in each traced view.
+    /// How many there are in each traced view; by default at most as many as it has pixels.
     pub samples: Samples,
 }
 
@@ -214,36 +215,54 @@ impl Default for EnvironmentConfig {
     }
 }
 
-/// Layers of settings before they are typed: starts with the defaults.
+/// Layers of settings before they are typed: starts with defaults.
 #[derive(Clone, Debug)]
 pub struct Layers {
     table: Table,
+    /// What was laid over the defaults.
+    given: Table,
 }
 
 impl Default for Layers {
     fn default() -> Self {
-        Layers { table: Table::try_from(Config::default()).expect("the defaults are a table") }
+        Layers::over(Config::default())
     }
 }
 
 impl Layers {
+    /// Layers over other defaults than the usual ones.
+    pub fn over(defaults: Config) -> Self {
+        let table = Table::try_from(defaults).expect("a configuration is a table");
+        Layers { table, given: Table::new() }
+    }
+
     /// Lays a TOML file over what is there.
     ///
     /// # Errors
-    /// Where it cannot be read, is not TOML, or names a key that does not exist.
+    /// Where it cannot be read, is not TOML, names a key that does not exist, or has a value that does
+    /// not fit.
     pub fn file(&mut self, path: &Path) -> Result<()> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, &e))?;
-        let table: Table = text.parse().map_err(|e: toml::de::Error| Error::File {
+        let table: Table = read_text(path)?.parse().map_err(|e: toml::de::Error| Error::File {
             path: path.to_path_buf(),
             problem: format!("it is not a TOML file: {}; see configs/default.toml", e.message()),
         })?;
-        overlay(&mut self.table, table);
-        self.finish().map(drop).map_err(|e| match e {
+        let laid = table.into_iter().try_for_each(|(key, value)| self.lay(key, value));
+        laid.and_then(|()| self.typed()?.check_keys()).map_err(|e| match e {
             Error::Setting { key, problem } => {
                 Error::File { path: path.to_path_buf(), problem: format!("{key}: {problem}") }
             }
             other => other,
         })
+    }
+
+    /// Sets every key of a section by itself, so that messages name it. A law's parameters belong together.
+    fn lay(&mut self, key: String, value: Value) -> Result<()> {
+        match value {
+            Value::Table(section) if !section.is_empty() && !key.ends_with(".law") => {
+                section.into_iter().try_for_each(|(name, value)| self.lay(format!("{key}.{name}"), value))
+            }
+            value => self.set(&key, value),
+        }
     }
 
     /// Lays one `key=value` over what is there. The value is TOML; a bare word is text.
@@ -260,6 +279,7 @@ impl Layers {
         let value = format!("v = {text}")
             .parse::<Table>()
             .ok()
+            .filter(|table| table.len() == 1)
             .and_then(|mut table| table.remove("v"))
             .unwrap_or_else(|| Value::String(text.to_string()));
         self.set(key.trim(), value)
@@ -270,25 +290,71 @@ impl Layers {
     /// # Errors
     /// Where there is no such key, or the value does not fit.
     pub fn set(&mut self, key: &str, value: impl Into<Value>) -> Result<()> {
+        if key.split('.').count() > MAX_DEPTH {
+            // The key is not repeated: it may be as long as a command line.
+            return Err(Error::setting(
+                "a key",
+                "no key has so many dots; configs/default.toml lists every key",
+            ));
+        }
         let nested = key
             .rsplit('.')
             .fold(value.into(), |inner, part| Value::Table(Table::from_iter([(part.to_string(), inner)])));
         let Value::Table(layer) = nested else { return Err(Error::setting(key, "there is no such key")) };
-        overlay(&mut self.table, layer);
+        overlay(&mut self.table, layer.clone());
+        overlay(&mut self.given, layer);
         let checked: Result<Config, _> = self.table.clone().try_into();
         checked.map(drop).map_err(|e| refused(key, &e))
     }
 
-    /// The typed, validated configuration.
+    /// Whether a dotted key was given a value, or has its default.
+    pub fn gives(&self, key: &str) -> bool {
+        let mut parts = key.split('.');
+        let first = parts.next().and_then(|part| self.given.get(part));
+        parts.try_fold(first, |inner, part| inner.map(|v| v.get(part))).flatten().is_some()
+    }
+
+    /// The typed, validated configuration. The default number of samples stands for as many as there are
+    /// pixels where these are fewer; one that was given does not.
     ///
     /// # Errors
     /// [`Error::Setting`] about the first key that does not exist or has a value that does not fit.
     pub fn finish(&self) -> Result<Config> {
-        let config: Config =
-            self.table.clone().try_into().map_err(|e: toml::de::Error| refused("configuration", &e))?;
-        config.validate()?;
+        let config = self.typed()?;
+        config.check_keys()?;
+        config.check_size()?;
+        if self.gives("foveation.samples") {
+            config.check_samples()?;
+        }
         Ok(config)
     }
+
+    fn typed(&self) -> Result<Config> {
+        self.table.clone().try_into().map_err(|e: toml::de::Error| refused("configuration", &e))
+    }
+}
+
+/// Parts of a key at most.
+const MAX_DEPTH: usize = 8;
+
+/// Bytes of a configuration file at most.
+const MAX_FILE: u64 = 1 << 20;
+
+fn read_text(path: &Path) -> Result<String> {
+    let fail = |problem: &str| Error::File { path: path.to_path_buf(), problem: problem.to_string() };
+    let metadata = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?;
+    if !metadata.is_file() {
+        return Err(fail("it is not a regular file; give the path of a file"));
+    }
+    if metadata.len() > MAX_FILE {
+        return Err(fail("it is larger than 1 MiB; give a file like configs/default.toml"));
+    }
+    std::fs::read_to_string(path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::InvalidData => {
+            fail("it is not text in UTF-8; give a file like configs/default.toml")
+        }
+        _ => Error::io(path, &e),
+    })
 }
 
 fn refused(key: &str, error: &toml::de::Error) -> Error {
@@ -317,16 +383,14 @@ fn overlay(base: &mut Table, top: Table) {
 const MAX_SIDE: u32 = 16_384;
 
 impl Config {
-    fn validate(&self) -> Result<()> {
+    /// Each key by itself.
+    fn check_keys(&self) -> Result<()> {
         let whole = |key: &str, value: u32, least: u32, most: u32| {
             range(key, f64::from(value), f64::from(least), f64::from(most))
         };
         let view = &self.view;
         whole("view.width", view.width, 1, MAX_SIDE)?;
         whole("view.height", view.height, 1, MAX_SIDE)?;
-        if view.stereo != Stereo::Mono && view.width % 2 != 0 {
-            return Err(Error::setting("view.width", "both eyes share it with stereo; give an even number"));
-        }
         range("view.ipd", view.ipd, 0.0, 1.0)?;
         range("view.fov_y", view.fov_y, 1.0, 175.0)?;
         range("view.exposure", view.exposure, -40.0, 40.0)?;
@@ -339,6 +403,33 @@ impl Config {
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;
         range("environment.sun_azimuth", f64::from(environment.sun_azimuth), -360.0, 360.0)?;
         range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)
+    }
+
+    /// Memory for pixels is reserved before anything is traced, so absurd numbers are refused first.
+    fn check_size(&self) -> Result<()> {
+        let ViewConfig { width, height, stereo, .. } = self.view;
+        if width as usize * height as usize > MAX_PIXELS {
+            let problem =
+                format!("{width}x{height} are more than {MAX_PIXELS} pixels; give a smaller picture");
+            return Err(Error::setting("view.width", problem));
+        }
+        if stereo != Stereo::Mono && !width.is_multiple_of(2) {
+            return Err(Error::setting("view.width", "both eyes share it with stereo; give an even number"));
+        }
+        Ok(())
+    }
+
+    fn check_samples(&self) -> Result<()> {
+        let ViewConfig { width, height, stereo, .. } = self.view;
+        let (across, whose) = if stereo == Stereo::Mono { (width, "") } else { (width / 2, " of each eye") };
+        let pixels = across as usize * height as usize;
+        match self.foveation.samples {
+            Samples::Count(count) if count > pixels => Err(Error::setting(
+                "foveation.samples",
+                format!("{count} are more than the {pixels} pixels{whose}; give at most that, or full"),
+            )),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -394,11 +485,88 @@ mod tests {
             ("foveation.samples=0", "samples"),
             ("", "not key=value"),
             ("=3", "configs/default.toml"),
+            ("view=3", "view"),
+            ("a.b.c.d.e.f.g.h.i=3", "so many dots"),
+            ("trace.rays=16\nview.width=8", "trace.rays"),
+            ("view.exposure=nan", "out of range"),
+            ("foveation.samples=1024001", "more than the 1024000 pixels"),
         ] {
             let mut layers = Layers::default();
             let result = layers.assign(assignment).and_then(|()| layers.finish());
             let message = result.expect_err(assignment).to_string();
             assert!(message.contains(part), "{assignment}: {message}");
         }
+    }
+
+    #[test]
+    fn the_default_number_of_samples_fits_any_picture_and_a_given_one_must_fit() {
+        let mut layers = Layers::default();
+        layers.assign("view.width=96").unwrap();
+        layers.assign("view.height=64").unwrap();
+        assert!(
+            !layers.gives("foveation.samples") && layers.gives("view.width") && !layers.gives("view.no.such")
+        );
+        layers.finish().unwrap();
+        layers.assign("foveation.samples=6144").unwrap();
+        layers.finish().unwrap();
+        layers.assign("view.stereo=per-eye").unwrap();
+        assert!(layers.finish().unwrap_err().to_string().contains("3072 pixels of each eye"));
+    }
+
+    #[test]
+    fn large_pictures_are_refused_before_they_are_allocated() {
+        let mut layers = Layers::default();
+        layers.assign("view.width=16384").unwrap();
+        layers.assign("view.height=2048").unwrap();
+        layers.finish().unwrap();
+        layers.assign("view.height=2049").unwrap();
+        assert!(layers.finish().unwrap_err().to_string().contains("more than"));
+    }
+
+    #[test]
+    fn files_are_refused_by_their_name_and_the_keys() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("settings.toml");
+        for (text, part) in [
+            ("trace = {", "not a TOML file"),
+            ("[trace]\nrays = 'many'", "trace.rays: "),
+            ("[trace]\nrayz = 3", "rayz"),
+            ("[view]\nfov_y = 180.0", "view.fov_y: 180 is out of range"),
+            ("[tracer]", "tracer"),
+            ("view = 3", "view"),
+            ("[foveation]\nlaw = 'spiral'", "spiral"),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let message = Layers::default().file(&path).expect_err(text).to_string();
+            assert!(
+                message.starts_with(path.to_str().unwrap()) && message.contains(part),
+                "{text}: {message}"
+            );
+        }
+        std::fs::write(&path, [0xff, 0xfe]).unwrap();
+        assert!(Layers::default().file(&path).unwrap_err().to_string().contains("UTF-8"));
+        std::fs::write(&path, "#".repeat(1 << 21)).unwrap();
+        assert!(Layers::default().file(&path).unwrap_err().to_string().contains("1 MiB"));
+        assert!(
+            Layers::default().file(folder.path()).unwrap_err().to_string().contains("not a regular file")
+        );
+    }
+
+    #[test]
+    fn a_files_values_and_its_law_are_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("settings.toml");
+        // More samples than the default picture has pixels: the size may still come.
+        let text = "[foveation]\nsamples = 2000000\n[foveation.law]\nname = 'log-polar'\nalpha = 2.0";
+        std::fs::write(&path, text).unwrap();
+        let mut layers = Layers::default();
+        layers.file(&path).unwrap();
+        assert!(layers.finish().is_err());
+        layers.assign("view.width=4096").unwrap();
+        let config = layers.finish().unwrap();
+        assert_eq!(
+            config.foveation,
+            FoveationConfig { law: Law::LogPolar { alpha: 2.0 }, samples: Samples::Count(2_000_000) }
+        );
     }
 }

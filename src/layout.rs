@@ -81,12 +81,13 @@ macro_rules! shared_structs {
 }
 
 /// Constants that kernels share.
-fn constants() -> [(&'static str, u32); 4] {
+fn constants() -> [(&'static str, u32); 5] {
     [
         ("LEAF", crate::bvh::wide::LEAF),
         ("EMPTY", crate::bvh::wide::EMPTY),
         ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
+        ("SUN_VISIBLE", SUN_VISIBLE),
     ]
 }
 
@@ -94,6 +95,8 @@ fn constants() -> [(&'static str, u32); 4] {
 pub const TRIANGLE_ALPHA: u32 = 1 << 26;
 /// Seen from behind too.
 pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+/// In [`VisibilityRecord::normal`]: all of the sun is visible.
+pub const SUN_VISIBLE: u32 = 0xff00_0000;
 /// Materials at most: what [`Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 20;
 
@@ -122,8 +125,9 @@ pub struct SampleRecord {
 
 /// What dense visibility knows of a pixel: 16 bytes.
 pub struct VisibilityRecord {
-    /// World-space normal, as in [`SampleRecord::normal`]; the map's would make neighbours on one surface
-    /// look strange to each other.
+    /// World-space normal, as in [`SampleRecord::normal`] (the map's would make neighbours on one surface
+    /// look strange to each other), but two 12-bit snorms in the low 24 bits; in the high byte the sun's
+    /// visibility as an 8-bit unorm.
     pub normal: u32,
     /// View-space depth (-z) of the hit in metres; 0 where the background is seen.
     pub depth: f32,
@@ -336,6 +340,21 @@ pub fn pack_normal(n: [f32; 3]) -> u32 {
     snorm(x) | snorm(y) << 16
 }
 
+/// [`pack_normal`] with 12 bits each, in the low 24 bits.
+pub fn pack_normal24(n: [f32; 3]) -> u32 {
+    let packed = pack_normal(n);
+    let shorter =
+        |v: u32| (f32::from(v as u16 as i16) * (2047.0 / 32767.0)).round_ties_even() as i32 as u32 & 0xfff;
+    shorter(packed & 0xffff) | shorter(packed >> 16) << 12
+}
+
+/// Undoes [`pack_normal24`].
+pub fn unpack_normal24(packed: u32) -> [f32; 3] {
+    let axis = |v: u32| ((v << 20) as i32 >> 20) as f32 / 2047.0;
+    let longer = |v: f32| ((v.clamp(-1.0, 1.0) * 32767.0).round() as i32 as u32) & 0xffff;
+    unpack_normal(longer(axis(packed)) | longer(axis(packed >> 12)) << 16)
+}
+
 /// Undoes [`pack_normal`].
 pub fn unpack_normal(packed: u32) -> [f32; 3] {
     let snorm = |v: u32| (f32::from(v as u16 as i16) / 32767.0).max(-1.0);
@@ -384,6 +403,9 @@ mod tests {
             let back = unpack_normal(pack_normal(n));
             let cosine: f32 = n.iter().zip(back).map(|(a, b)| a * b).sum();
             assert!(cosine > 0.999_999, "{n:?} {back:?}");
+            let back = unpack_normal24(pack_normal24(n) | SUN_VISIBLE);
+            let cosine: f32 = n.iter().zip(back).map(|(a, b)| a * b).sum();
+            assert!(cosine > 0.999_99, "{n:?} {back:?}");
         }
     }
 }

@@ -8,6 +8,7 @@ pub mod config;
 pub mod error;
 pub mod layout;
 pub mod math;
+pub mod whole_file;
 
 pub mod bvh;
 pub mod foveation;

@@ -8,7 +8,7 @@ fn main() -> ExitCode {
     match foveate::cli::Cli::parse().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("foveate: {error}");
+            foveate::cli::complain(&error.to_string());
             ExitCode::FAILURE
         }
     }

@@ -9,10 +9,11 @@ typedef struct {
     float diffuse;
 } Mixture;
 
-static Mixture mixture_at(const Surface *s, const Shading *shading, float3 f0, float3 view)
+// `sunlit`: the sun's light is looked for here; guided reconstruction adds it at each pixel instead.
+static Mixture mixture_at(const Surface *s, const Shading *shading, float3 f0, float3 view, bool sunlit)
 {
     Mixture m;
-    m.sun = shading->sun_share;
+    m.sun = sunlit ? shading->sun_share : 0.0f;
     m.environment = shading->environment_share;
 #if HAS_SUN
     // A sun wholly below the horizon gets no rays.
@@ -63,11 +64,11 @@ static float3 sample_mixture(const Scene *scene, const Shading *shading, const S
 }
 
 // Environment light from direction d: the map dimmed by baked occlusion, the sun not.
-static float3 distant_light(const Scene *scene, const Shading *shading, float3 d, float occlusion)
+static float3 distant_light(const Scene *scene, const Shading *shading, float3 d, float occlusion, bool sunlit)
 {
     float3 radiance = environment_radiance(scene, shading, d) * occlusion;
 #if HAS_SUN
-    if (inside_sun(shading, d))
+    if (sunlit && inside_sun(shading, d))
         radiance += load3(shading->sun_radiance);
 #endif
     return radiance;
@@ -145,7 +146,7 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
         *rays += add_punctual(scene, shading, &s, f0, view, seed, &lit);
         sum += throughput * (base * lit.diffuse + specular_scale(f0) * lit.specular);
 #endif
-        Mixture m = mixture_at(&s, shading, f0, view);
+        Mixture m = mixture_at(&s, shading, f0, view, true);
         uint2 u = (uint2)(hash(seed + 4u * bounce + 1u), hash(seed + 4u * bounce + 2u));
         bool reflected;
         float3 light = sample_mixture(scene, shading, &s, &m, view, fraction(hash(seed + 4u * bounce + 3u)), u, &reflected);
@@ -160,7 +161,7 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
         if (!trace_stream(scene, origin, 0.0f, &one, 1u, CLOSEST_FRONT, seed)) {
             // What passes behind a single-sided surface is still kept from the sky by it.
             if (!trace_stream(scene, origin, 0.0f, &one, 1u, ANY, seed))
-                sum += throughput * weight * distant_light(scene, shading, light, s.occlusion);
+                sum += throughput * weight * distant_light(scene, shading, light, s.occlusion, true);
             return sum;
         }
         // The path goes on along the same ray: what it hits is the light from that direction.

@@ -56,6 +56,14 @@ static uint pack_normal(float3 n)
     return snorm16(x) | snorm16(y) << 16;
 }
 
+// The same with 12 bits each, in the low 24 bits.
+static uint pack_normal24(float3 n)
+{
+    uint packed = pack_normal(n);
+    float x = (float)(short)(packed & 0xffffu) * (2047.0f / 32767.0f), y = (float)(short)(packed >> 16) * (2047.0f / 32767.0f);
+    return ((uint)convert_int_rte(x) & 0xfffu) | ((uint)convert_int_rte(y) & 0xfffu) << 12;
+}
+
 static float3 unpack_normal(uint packed)
 {
     float x = max((float)(short)(packed & 0xffffu) / 32767.0f, -1.0f);

@@ -27,13 +27,26 @@ fn unpack_axes(packed: u32) -> vec3<f32> {
     return vec3<f32>(vec3(i32(packed << 22u), i32(packed << 12u), i32(packed << 2u)) >> vec3(22u)) / 511.0;
 }
 
+// Octahedral, two 12-bit snorms in the low 24 bits.
+fn unpack_normal24(packed: u32) -> vec3<f32> {
+    let x = max(f32(i32(packed << 20u) >> 20u) / 2047.0, -1.0);
+    let y = max(f32(i32(packed << 8u) >> 20u) / 2047.0, -1.0);
+    let z = 1.0 - abs(x) - abs(y);
+    let fold = max(-z, 0.0);
+    return normalize(vec3(x + select(fold, -fold, x >= 0.0), y + select(fold, -fold, y >= 0.0), z));
+}
+
 // Three 8-bit unorms of the base colour's square root.
 fn unpack_base(packed: u32) -> vec3<f32> {
     let root = vec3<f32>(vec3(packed, packed >> 8u, packed >> 16u) & vec3(255u)) / 255.0;
     return root * root;
 }
 
-// A 4-bit unorm.
+// 4-bit unorms.
+fn unpack_roughness(packed: u32) -> f32 {
+    return f32(packed >> 28u) / 15.0;
+}
+
 fn unpack_metalness(packed: u32) -> f32 {
     return f32(packed >> 24u & 15u) / 15.0;
 }

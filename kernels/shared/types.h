@@ -107,3 +107,4 @@ typedef struct {
 #define EMPTY 0xffffffffu
 #define TRIANGLE_ALPHA 0x4000000u
 #define TRIANGLE_DOUBLE_SIDED 0x8000000u
+#define SUN_VISIBLE 0xff000000u

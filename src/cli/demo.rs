@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use super::machine::Machine;
-use super::mock::{Session, stereo_layers};
+use super::mock::{Session, check_out, fitted, stereo_defaults};
 use super::options::ConfigOptions;
 use super::output;
-use crate::config::Samples;
+use crate::config::{Layers, Samples};
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
@@ -30,12 +30,13 @@ const BUDGET_MS: f64 = 32_000.0;
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let mut layers = stereo_layers()?;
+    let mut defaults = stereo_defaults();
     // Two eyes share the usual number of samples.
-    if let Samples::Count(count) = layers.finish()?.foveation.samples {
-        layers.set("foveation.samples", count as i64 / 2)?;
+    if let Samples::Count(count) = &mut defaults.foveation.samples {
+        *count /= 2;
     }
-    let config = args.options.layers(layers)?.finish()?;
+    let config = args.options.layers(Layers::over(defaults))?.finish()?;
+    check_out(&args.out)?;
     let (machine, loaded) = rayon::join(
         || Machine::open(&config.devices),
         || Loaded::from_glb("the demo scene", &generate::demo::generate(), &config),
@@ -46,8 +47,9 @@ pub fn run(args: &Args) -> Result<()> {
         config: &config,
         loaded: &loaded,
         machine: &machine,
-        profile: Profile::generic(),
+        profile: fitted(Profile::generic(), &config, None),
         rest: default_viewpoint(&loaded.scene, config.view.fov_y).world_from_eye,
+        gaze: None,
         out: &args.out,
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;

@@ -55,7 +55,10 @@ struct Presenter {
 pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
     let mut problems = Vec::new();
-    let mut keep = |result: Result<()>| problems.extend(result.err().map(|e| e.to_string()));
+    let mut keep = |result: Result<()>| {
+        let problem = result.err().map(|e| e.to_string());
+        problems.extend(problem.filter(|problem| !problems.contains(problem)));
+    };
 
     let wanted = (!config.devices.vulkan.is_empty()).then(|| config.devices.vulkan.clone());
     let context = Context::new(&ContextOptions { device: wanted, ..Default::default() });
@@ -121,7 +124,9 @@ fn presenters() -> Vec<Presenter> {
 
 fn print(report: &Report) -> Result<()> {
     let mark = |used: bool| if used { '*' } else { ' ' };
+    let none = |devices: usize| (devices == 0).then(|| "     none".to_string());
     let mut lines = vec!["OpenCL (traces)".to_string()];
+    lines.extend(none(report.opencl.len()));
     for (index, d) in report.opencl.iter().enumerate() {
         lines.push(format!(
             "{} {index}  {} [{}, {} units, {} MiB{}]  {} {}: {}",
@@ -137,6 +142,7 @@ fn print(report: &Report) -> Result<()> {
         ));
     }
     lines.push("Vulkan (reconstructs)".to_string());
+    lines.extend(none(report.vulkan.len()));
     for d in &report.vulkan {
         lines.push(format!("{}    {} [{}, {}]: {}", mark(d.used), d.name, d.kind, d.api_version, d.reason));
     }

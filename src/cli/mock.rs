@@ -2,18 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec2;
 use serde::Serialize;
 
 use super::machine::Machine;
 use super::options::RenderOptions;
 use super::output::{self, RenderSummary};
 use super::render;
-use crate::config::{Config, Layers};
+use crate::config::{Config, Layers, Stereo, ViewConfig};
 use crate::error::{Error, Result};
 use crate::frame::log::{FrameLog, FrameRecord};
 use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
 use crate::headset::mock::{PictureSink, Profile, Script};
 use crate::math::pose::Pose;
+use crate::whole_file;
 
 /// Arguments of `foveate mock`.
 #[derive(Debug, clap::Args)]
@@ -57,31 +59,60 @@ pub struct Session<'a> {
     pub profile: Profile,
     /// Where the head rests.
     pub rest: Pose,
+    /// Where the eyes look all the time, in 0..1 of an eye's picture; along the script where absent.
+    pub gaze: Option<DVec2>,
     /// Where files go.
     pub out: &'a Path,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let config = args.options.config_over(stereo_layers()?)?;
+    let config = args.options.config_over(Layers::over(stereo_defaults()))?;
     let profile = Profile::named(&args.headset).ok_or_else(|| {
         let names = Profile::all().map(|p| p.name).join(" or ");
         Error::setting("--headset", format!("there is no headset {:?} to mock; choose {names}", args.headset))
     })?;
+    check_out(&args.out)?;
     let (machine, loaded) = render::open(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
     let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
-    let session =
-        Session { config: &config, loaded: &loaded, machine: &machine, profile, rest, out: &args.out };
+    let session = Session {
+        config: &config,
+        loaded: &loaded,
+        machine: &machine,
+        profile: fitted(profile, &config, args.options.fov_y()),
+        rest,
+        gaze: args.options.gaze(),
+        out: &args.out,
+    };
     let summary = session.run(|_| args.frames, f64::from(args.frames) / profile.refresh_hz)?;
     summary.print(args.options.config.json)
 }
 
 /// Defaults of commands with a headset: both eyes, from their own viewpoints.
-pub fn stereo_layers() -> Result<Layers> {
-    let mut layers = Layers::default();
-    layers.set("view.stereo", "per-eye")?;
-    Ok(layers)
+pub fn stereo_defaults() -> Config {
+    let mut config = Config::default();
+    config.view.stereo = Stereo::PerEye;
+    config
+}
+
+/// The headset with displays, eyes and field of view (vertical, in radians) as the settings say.
+pub fn fitted(profile: Profile, config: &Config, fov_y: Option<f64>) -> Profile {
+    let ViewConfig { width, height, stereo, ipd, .. } = config.view;
+    let eye_width = if stereo == Stereo::Mono { width } else { width / 2 };
+    let profile = Profile { ipd, ..profile.resized(eye_width, height) };
+    fov_y.map_or(profile, |fov_y| profile.with_vertical_fov(fov_y))
+}
+
+/// Tells whether a run's files can be written to `out`, before anything is loaded.
+pub fn check_out(out: &Path) -> Result<()> {
+    whole_file::check_folder(out)?;
+    if !out.exists() {
+        return Ok(());
+    }
+    ["frames.jsonl", "contact_sheet.png", "preview.gif"]
+        .iter()
+        .try_for_each(|name| whole_file::check(&out.join(name)))
 }
 
 impl Session<'_> {
@@ -91,8 +122,7 @@ impl Session<'_> {
     /// # Errors
     /// Where a device fails or a file cannot be written.
     pub fn run(&self, frames: impl Fn(f64) -> u32, seconds: f64) -> Result<Summary> {
-        let eye_width = if self.is_stereo() { self.config.view.width / 2 } else { self.config.view.width };
-        let profile = self.profile.resized(eye_width, self.config.view.height);
+        let profile = &self.profile;
         let (mut renderer, steps) = Renderer::new(
             &self.machine.device,
             &self.machine.context,
@@ -100,24 +130,25 @@ impl Session<'_> {
             self.config,
             Output::Display,
         )?;
-        let mut sink = PictureSink::create(self.out)?;
-        let mut log = FrameLog::create(self.out.join("frames.jsonl"))?;
         let reach = self.reach();
         let script = |seconds| Script::demo(self.rest, seconds).with_reach(reach);
 
         // Drivers finish building kernels at their first launch: one frame that does not count.
-        let first_plan = self.plan(&profile, script(seconds).head_at(0.0))?;
+        let first_plan = self.plan(profile, script(seconds).head_at(0.0))?;
         renderer.frame(&first_plan, &[], self.config.trace.seed)?;
         let warm = renderer.frame(&first_plan, &[], self.config.trace.seed)?;
         let count = frames(warm.frame_ms).max(1);
 
+        // Nothing of an earlier run is replaced before this one has shown that it works.
+        let mut sink = PictureSink::create(self.out)?;
+        let mut log = FrameLog::create(self.out.join("frames.jsonl"))?;
         let script = script(seconds);
         let bar = output::progress(count.into(), "frames");
         let mut reports = Vec::new();
         for frame in 0..count {
             let time = seconds * f64::from(frame) / f64::from(count);
-            let (head, gaze) = (script.head_at(time), script.gaze_at(time));
-            let plan = self.plan(&profile, head)?;
+            let (head, gaze) = (script.head_at(time), self.gaze.unwrap_or_else(|| script.gaze_at(time)));
+            let plan = self.plan(profile, head)?;
             let seed = self.config.trace.seed.wrapping_add(frame);
             let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
             sink.push(frame as usize, plan.width, plan.height, renderer.picture()?)?;
@@ -139,10 +170,6 @@ impl Session<'_> {
         })
     }
 
-    fn is_stereo(&self) -> bool {
-        self.config.view.stereo != crate::config::Stereo::Mono
-    }
-
     fn plan(&self, profile: &Profile, head: Pose) -> Result<Plan> {
         Plan::stereo(profile.views(head), self.config.view.stereo)
     }
@@ -154,14 +181,7 @@ impl Session<'_> {
     }
 }
 
-fn record(
-    frame: u32,
-    time: f64,
-    plan: &Plan,
-    report: &FrameReport,
-    gaze: glam::DVec2,
-    head: Pose,
-) -> FrameRecord {
+fn record(frame: u32, time: f64, plan: &Plan, report: &FrameReport, gaze: DVec2, head: Pose) -> FrameRecord {
     FrameRecord {
         frame: frame.into(),
         display_time_s: time,

@@ -16,7 +16,7 @@ use crate::error::Result;
 
 /// Ray-traces a glTF scene for a headset: sharp where the eye looks, sparse elsewhere.
 #[derive(Debug, Parser)]
-#[command(name = "foveate", version, about, after_help = EXAMPLES)]
+#[command(name = "foveate", version, about, after_help = EXAMPLES, args_override_self = true)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -29,8 +29,8 @@ const EXAMPLES: &str = "Examples:
   foveate mock scene.glb --frames 60 --out frames/   a mock headset that follows a script
   foveate devices                                    what this machine offers, and what is used
 
-Every setting has a place in configs/default.toml; --config FILE and --set key=value change them, and
-flags win over both.";
+Every setting has a place in configs/default.toml; --config FILE and --set key=value change it,
+and flags win over both.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -63,4 +63,12 @@ impl Cli {
             Command::Devices(args) => devices::run(&args),
         }
     }
+}
+
+/// Tells the operator something on standard error, as one line that begins with the program's name.
+/// Nobody who reads it is no error.
+pub fn complain(message: &str) {
+    use std::io::Write;
+    let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let _ = writeln!(std::io::stderr(), "foveate: {}", line.trim_end());
 }

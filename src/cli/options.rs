@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
 
-use crate::config::{Config, Layers, Method, Samples, Stereo};
+use crate::config::{Config, Layers, Method, Stereo};
 use crate::error::{Error, Result};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
@@ -49,12 +49,12 @@ pub struct RenderOptions {
     #[arg(long, help_heading = "Picture")]
     height: Option<u32>,
     /// Where the eye is, in the scene's metres.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, help_heading = "Picture")]
-    position: Option<String>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, help_heading = "Picture")]
+    position: Option<DVec3>,
     /// What the eye looks at, in the scene's metres.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, help_heading = "Picture")]
-    look_at: Option<String>,
-    /// Vertical field of view in degrees.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, help_heading = "Picture")]
+    look_at: Option<DVec3>,
+    /// Vertical field of view in degrees, 1 to 175.
     #[arg(long, value_name = "DEG", help_heading = "Picture")]
     fov_y: Option<f64>,
     /// One eye, both from one wider view (the paper's way), or both from their own viewpoints.
@@ -66,25 +66,26 @@ pub struct RenderOptions {
     /// How sample density falls off: paper, linear-mar, log-polar, uniform, full.
     #[arg(long, value_name = "NAME", help_heading = "Foveation")]
     law: Option<String>,
-    /// Shaded samples in each traced view, or "full": one at each pixel.
+    /// Shaded samples in each traced view, at most one a pixel, or "full": one at each pixel.
     #[arg(long, value_name = "full|N", help_heading = "Foveation")]
     samples: Option<String>,
-    /// Where the eye looks, in 0..1 of the picture from its upper left corner.
-    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = "Foveation")]
-    gaze: Option<String>,
+    /// Where the eye looks, in 0..1 of the picture (with stereo, of one eye's) from its upper left corner;
+    /// the centre by default. It may lie outside.
+    #[arg(long, value_name = "X,Y", value_parser = gaze, allow_hyphen_values = true, help_heading = "Foveation")]
+    gaze: Option<DVec2>,
     /// How samples become pixels.
     #[arg(long, value_enum, help_heading = "Foveation")]
     reconstruct: Option<Method>,
-    /// Nearest samples that each pixel averages.
+    /// Nearest samples that each pixel averages, 1 to 16.
     #[arg(long, help_heading = "Foveation")]
     k: Option<u32>,
-    /// Light rays per sample.
+    /// Light rays per sample, 1 to 4096.
     #[arg(long, help_heading = "Tracing")]
     rays: Option<u32>,
     /// Further bounces of light, 0 to 4.
     #[arg(long, help_heading = "Tracing")]
     bounces: Option<u32>,
-    /// Seed of the random numbers.
+    /// Seed of the random numbers: the same one gives the same picture on the same device.
     #[arg(long, help_heading = "Tracing")]
     seed: Option<u32>,
     /// OpenCL device that traces: its number in `foveate devices`, or a part of its name.
@@ -101,40 +102,50 @@ impl RenderOptions {
     /// The same over other defaults than the usual ones.
     pub fn config_over(&self, layers: Layers) -> Result<Config> {
         let mut layers = self.config.layers(layers)?;
-        let mut flag = |name: &str, key: &str, value: Option<toml::Value>| match value {
-            Some(value) => layers.set(key, value).map_err(|e| renamed(e, name)),
-            None => Ok(()),
-        };
+        let flags = self.flags()?;
+        for (flag, key, value) in &flags {
+            layers.set(key, value.clone()).map_err(|e| renamed(e, flag))?;
+        }
+        // What is wrong is named as the operator wrote it.
+        layers.finish().map_err(|error| match &error {
+            Error::Setting { key, .. } => match flags.iter().find(|(_, k, _)| k == key) {
+                Some((flag, ..)) => renamed(error, flag),
+                None => error,
+            },
+            _ => error,
+        })
+    }
+
+    /// The flags that were given, with their keys and values.
+    fn flags(&self) -> Result<Vec<(&'static str, &'static str, toml::Value)>> {
         let text = |value: &Option<String>| value.clone().map(toml::Value::String);
         let whole = |value: Option<u32>| value.map(|v| toml::Value::Integer(v.into()));
         let float = |value: Option<f64>| value.map(toml::Value::Float);
-        flag("--environment", "environment.map", path_value(&self.environment)?)?;
-        flag("--width", "view.width", whole(self.width))?;
-        flag("--height", "view.height", whole(self.height))?;
-        flag("--fov-y", "view.fov_y", float(self.fov_y))?;
-        flag("--stereo", "view.stereo", named(self.stereo))?;
-        flag("--exposure", "view.exposure", float(self.exposure))?;
-        flag("--law", "foveation.law", text(&self.law))?;
-        flag("--samples", "foveation.samples", self.samples.as_deref().map(count_or_name))?;
-        flag("--reconstruct", "reconstruction.method", named(self.reconstruct))?;
-        flag("--k", "reconstruction.k", whole(self.k))?;
-        flag("--rays", "trace.rays", whole(self.rays))?;
-        flag("--bounces", "trace.bounces", whole(self.bounces))?;
-        flag("--seed", "trace.seed", whole(self.seed))?;
-        flag("--device", "devices.opencl", text(&self.device))?;
-        let config = layers.finish()?;
-        check_samples(&config)?;
-        Ok(config)
+        let flags = [
+            ("--environment", "environment.map", path_value(&self.environment)?),
+            ("--width", "view.width", whole(self.width)),
+            ("--height", "view.height", whole(self.height)),
+            ("--fov-y", "view.fov_y", float(self.fov_y)),
+            ("--stereo", "view.stereo", named(self.stereo)),
+            ("--exposure", "view.exposure", float(self.exposure)),
+            ("--law", "foveation.law", text(&self.law)),
+            ("--samples", "foveation.samples", self.samples.as_deref().map(count_or_name)),
+            ("--reconstruct", "reconstruction.method", named(self.reconstruct)),
+            ("--k", "reconstruction.k", whole(self.k)),
+            ("--rays", "trace.rays", whole(self.rays)),
+            ("--bounces", "trace.bounces", whole(self.bounces)),
+            ("--seed", "trace.seed", whole(self.seed)),
+            ("--device", "devices.opencl", text(&self.device)),
+        ];
+        Ok(flags.into_iter().filter_map(|(flag, key, value)| Some((flag, key, value?))).collect())
     }
 
     /// Where the eye is and its vertical field of view in radians: from flags, else from the scene.
     pub fn viewpoint(&self, scene: &Scene, config: &Config) -> Result<(Pose, f64)> {
         let default = default_viewpoint(scene, config.view.fov_y);
-        let position = self.position.as_deref().map(|t| vector("--position", t)).transpose()?;
-        let target = self.look_at.as_deref().map(|t| vector("--look-at", t)).transpose()?;
-        let fov_y = if self.fov_y.is_some() { config.view.fov_y.to_radians() } else { default.fov_y };
-        let eye = position.unwrap_or(default.world_from_eye.position);
-        let pose = match target {
+        let fov_y = self.fov_y().unwrap_or(default.fov_y);
+        let eye = self.position.unwrap_or(default.world_from_eye.position);
+        let pose = match self.look_at {
             Some(target) if target == eye => {
                 return Err(Error::setting("--look-at", "it is where the eye is; give another point"));
             }
@@ -144,29 +155,20 @@ impl RenderOptions {
         Ok((pose, fov_y))
     }
 
-    /// The gaze from `--gaze`, in 0..1 of the picture.
-    pub fn gaze(&self) -> Result<Option<DVec2>> {
-        let Some(text) = &self.gaze else { return Ok(None) };
-        let [x, y] = numbers("--gaze", text, "two numbers, such as 0.5,0.5")?;
-        Ok(Some(DVec2::new(x, y)))
+    /// `--fov-y` in radians.
+    pub fn fov_y(&self) -> Option<f64> {
+        self.fov_y.map(f64::to_radians)
+    }
+
+    /// `--gaze`, in 0..1 of the picture.
+    pub fn gaze(&self) -> Option<DVec2> {
+        self.gaze
     }
 }
 
 /// The field of view of one eye of a picture.
 pub fn eye_fov(fov_y: f64, width: u32, height: u32) -> FieldOfView {
     FieldOfView::symmetric(fov_y, f64::from(width) / f64::from(height))
-}
-
-/// Memory for samples is reserved before anything is traced, so absurd numbers are refused first.
-fn check_samples(config: &Config) -> Result<()> {
-    let pixels = config.view.width as usize * config.view.height as usize;
-    match config.foveation.samples {
-        Samples::Count(count) if count > pixels => Err(Error::setting(
-            "--samples",
-            format!("{count} are more than the {pixels} pixels; give at most that, or full"),
-        )),
-        _ => Ok(()),
-    }
 }
 
 fn renamed(error: Error, flag: &str) -> Error {
@@ -192,14 +194,16 @@ fn count_or_name(text: &str) -> toml::Value {
     text.parse().map_or_else(|_| toml::Value::String(text.to_string()), toml::Value::Integer)
 }
 
-fn vector(flag: &str, text: &str) -> Result<DVec3> {
-    numbers(flag, text, "three numbers, such as 0,1.6,-2").map(DVec3::from_array)
+fn point(text: &str) -> Result<DVec3, String> {
+    numbers(text, "three numbers, such as 0,1.6,-2").map(DVec3::from_array)
 }
 
-fn numbers<const N: usize>(flag: &str, text: &str, form: &str) -> Result<[f64; N]> {
+fn gaze(text: &str) -> Result<DVec2, String> {
+    numbers(text, "two numbers, such as 0.5,0.5").map(DVec2::from_array)
+}
+
+fn numbers<const N: usize>(text: &str, form: &str) -> Result<[f64; N], String> {
     let parts: Option<Vec<f64>> =
         text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    parts
-        .and_then(|parts| <[f64; N]>::try_from(parts).ok())
-        .ok_or_else(|| Error::setting(flag, format!("{text:?} is not {form}")))
+    parts.and_then(|parts| <[f64; N]>::try_from(parts).ok()).ok_or_else(|| format!("give {form}"))
 }

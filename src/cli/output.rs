@@ -116,7 +116,7 @@ pub fn print_line(text: &str) -> Result<()> {
     use std::io::Write;
     match writeln!(std::io::stdout(), "{text}") {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Error::io(Path::new("standard output"), &e))
+            Err(Error::writing(Path::new("standard output"), &e))
         }
         _ => Ok(()),
     }
@@ -124,7 +124,7 @@ pub fn print_line(text: &str) -> Result<()> {
 
 /// Prints warnings on standard error.
 pub fn print_warnings(warnings: &[String]) {
-    warnings.iter().for_each(|warning| eprintln!("foveate: note: {warning}"));
+    warnings.iter().for_each(|warning| super::complain(&format!("note: {warning}")));
 }
 
 /// A progress bar on standard error; nothing where that is no terminal.

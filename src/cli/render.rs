@@ -15,6 +15,7 @@ use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::measure::{Display, Picture};
+use crate::whole_file;
 
 /// Arguments of `foveate render`.
 #[derive(Debug, clap::Args)]
@@ -51,14 +52,15 @@ pub fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
     let kind = file_kind(&args.out)?;
     let config = args.options.config()?;
-    let gaze = args.options.gaze()?;
+    // Nobody should wait for a picture that has no place to go.
+    whole_file::check(&args.out)?;
     let (machine, loaded) = open(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
     let plan = plan(&args.options, &config, &loaded)?;
     let averaged = args.passes > 1;
     let output = if kind == FileKind::Exr || averaged { Output::Radiance } else { Output::Display };
     let (mut renderer, steps) = Renderer::new(&machine.device, &machine.context, &loaded, &config, output)?;
-    let gaze = gaze.map(|gaze| plan.gaze_points(gaze)).unwrap_or_default();
+    let gaze = args.options.gaze().map(|gaze| plan.gaze_points(gaze)).unwrap_or_default();
 
     let mut frames = Vec::new();
     let mut sum = Sum::default();
@@ -100,7 +102,10 @@ fn file_kind(path: &std::path::Path) -> Result<FileKind> {
     match extension.as_str() {
         "png" => Ok(FileKind::Png),
         "exr" => Ok(FileKind::Exr),
-        _ => Err(Error::setting("--out", format!("{} ends in neither .png nor .exr", path.display()))),
+        _ => Err(Error::setting(
+            "--out",
+            format!("{} ends in neither .png nor .exr; give a name that does", path.display()),
+        )),
     }
 }
 

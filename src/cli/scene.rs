@@ -1,19 +1,18 @@
 //! `foveate scene`: tells about a scene, or generates one.
 
+mod info;
+
 use std::path::PathBuf;
 
 use clap::{Args as ClapArgs, Subcommand};
 use serde::Serialize;
 
-use super::machine::Machine;
 use super::options::ConfigOptions;
 use super::output;
 use crate::config::Layers;
-use crate::error::Result;
-use crate::frame::Loaded;
+use crate::error::{Error, Result};
 use crate::scene::generate;
-use crate::scene::info::{SceneInfo, summarise};
-use crate::trace::{BufferBytes, SceneBuffers};
+use crate::whole_file;
 
 /// Arguments of `foveate scene`.
 #[derive(Debug, ClapArgs)]
@@ -25,17 +24,9 @@ pub struct Args {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Tell what a scene holds, which features it requires, and what it costs on the device.
-    Info(InfoArgs),
+    Info(info::Args),
     /// Generate a scene.
     Generate(GenerateArgs),
-}
-
-#[derive(Debug, ClapArgs)]
-struct InfoArgs {
-    /// A glTF 2.0 file, .gltf or .glb.
-    scene: PathBuf,
-    #[command(flatten)]
-    options: ConfigOptions,
 }
 
 #[derive(Debug, ClapArgs)]
@@ -52,9 +43,8 @@ struct GenerateArgs {
     /// The .glb file to write.
     #[arg(long, value_name = "FILE.glb")]
     out: PathBuf,
-    /// Print one JSON object on standard output instead of text.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    options: ConfigOptions,
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -66,23 +56,6 @@ enum Kind {
 }
 
 #[derive(Serialize)]
-struct Info {
-    scene: String,
-    #[serde(flatten)]
-    info: SceneInfo,
-    bvh: BvhInfo,
-    device: String,
-    device_buffers: Vec<BufferBytes>,
-    device_bytes: usize,
-}
-
-#[derive(Serialize)]
-struct BvhInfo {
-    nodes: usize,
-    depth: u32,
-}
-
-#[derive(Serialize)]
 struct Generated {
     out: String,
     bytes: usize,
@@ -91,39 +64,25 @@ struct Generated {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     match &args.command {
-        Command::Info(args) => info(args),
+        Command::Info(args) => info::run(args),
         Command::Generate(args) => generate(args),
     }
 }
 
-fn info(args: &InfoArgs) -> Result<()> {
-    let config = args.options.layers(Layers::default())?.finish()?;
-    let loaded = Loaded::from_file(&args.scene, &config)?;
-    let machine = Machine::open(&config.devices)?;
-    let buffers = SceneBuffers::upload(&machine.device, &loaded.scene, &loaded.bvh, &loaded.environment)?;
-    let device_buffers = buffers.bytes();
-    let info = Info {
-        scene: args.scene.display().to_string(),
-        info: summarise(&loaded.scene, &loaded.environment),
-        bvh: BvhInfo { nodes: loaded.bvh.nodes.len(), depth: loaded.bvh.depth() },
-        device: machine.device.info().name.clone(),
-        device_bytes: device_buffers.iter().map(|b| b.bytes).sum(),
-        device_buffers,
-    };
-    if args.options.json {
-        return output::print_json(&info);
-    }
-    let text = serde_json::to_string_pretty(&info).unwrap_or_default();
-    output::print_line(&text)
-}
-
 fn generate(args: &GenerateArgs) -> Result<()> {
+    args.options.layers(Layers::default())?.finish()?;
+    whole_file::check(&args.out)?;
     let bytes = match args.kind {
-        Kind::VoxelTown => generate::voxel_town::generate(args.triangles, args.seed)?,
+        Kind::VoxelTown => {
+            generate::voxel_town::generate(args.triangles, args.seed).map_err(|error| match error {
+                Error::Setting { key, problem } => Error::setting(format!("--{key}"), problem),
+                other => other,
+            })?
+        }
         Kind::Demo => generate::demo::generate(),
     };
     generate::write(&args.out, &bytes)?;
-    if args.json {
+    if args.options.json {
         return output::print_json(&Generated { out: args.out.display().to_string(), bytes: bytes.len() });
     }
     output::print_line(&format!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 * 1e-6))

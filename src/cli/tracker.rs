@@ -51,7 +51,10 @@ pub struct Args {
 /// When a file or the tracker cannot be used. A reader that closes our output is no error.
 pub fn run(args: &Args) -> Result<()> {
     if args.seconds.is_some_and(|seconds| !(seconds.is_finite() && seconds > 0.0)) {
-        return Err(Error::setting("--seconds", "is not a positive number of seconds"));
+        return Err(Error::setting(
+            "--seconds",
+            "it is not a positive number of seconds; give one, such as 10",
+        ));
     }
     let mut out = BufWriter::new(std::io::stdout().lock());
     match &args.replay {
@@ -62,6 +65,10 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// Runs a recording through the fusion.
 fn replay(args: &Args, path: &Path, out: &mut dyn Write) -> Result<()> {
+    if !std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.is_file() {
+        let problem = "it is not a regular file; give the path of a recording".to_string();
+        return Err(Error::File { path: path.to_path_buf(), problem });
+    }
     let mut reader = Reader::open(path)?;
     let mut fusion = match &args.calibration {
         Some(path) => Fusion::resume(&read_keepsake(path)?),
@@ -94,11 +101,11 @@ fn replay(args: &Args, path: &Path, out: &mut dyn Write) -> Result<()> {
         return Err(Error::File { path: path.to_path_buf(), problem });
     }
     if reader.cut_off() > 0 {
-        eprintln!(
-            "{}: the last {} bytes are no whole report and were left out",
+        super::complain(&format!(
+            "note: {}: the last {} bytes are no whole report and were left out",
             path.display(),
             reader.cut_off()
-        );
+        ));
     }
     Ok(())
 }

@@ -15,6 +15,7 @@ use crate::gpu::vulkan::{Context, Format, Image};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
+use crate::scene::Sun;
 use crate::trace::{self, TracePattern, Tracer};
 
 /// What the finished picture's numbers are.
@@ -66,6 +67,7 @@ pub struct Renderer {
     samples: Samples,
     settings: trace::Settings,
     exposure: f32,
+    sun: Option<Sun>,
     output: Output,
     views: Vec<TracedView>,
     image: Option<Image>,
@@ -134,6 +136,7 @@ impl Renderer {
             samples: config.foveation.samples,
             settings: trace_settings(config),
             exposure: config.view.exposure as f32,
+            sun: loaded.environment.sun,
             output,
             views: Vec::new(),
             image: None,
@@ -206,6 +209,7 @@ impl Renderer {
             view,
             samples: traced.samples.vulkan(),
             visibility: traced.visibility.as_ref().map(Shared::vulkan),
+            sun: self.sun,
             outputs: &outputs,
         };
         self.reconstruction.submit(index, &frame)

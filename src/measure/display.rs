@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
-use image::{ImageFormat, ImageReader, Limits};
+use image::codecs::png::PngEncoder;
+use image::{ImageEncoder, ImageFormat, ImageReader, Limits};
 use rayon::prelude::*;
 
 use super::picture::{self, Picture};
 use crate::error::{Error, Result};
+use crate::whole_file;
 
 /// A picture as a screen shows it.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,7 +60,7 @@ impl Display {
         Ok(Display { width, height, pixels })
     }
 
-    /// Writes a PNG file of 8 bits a channel.
+    /// Writes a PNG file of 8 bits a channel, whole or not at all.
     ///
     /// # Errors
     /// [`Error::File`] where the file cannot be written.
@@ -66,12 +68,13 @@ impl Display {
         let byte = |code: f32| (code.clamp(0.0, 1.0) * 255.0).round() as u8;
         let bytes: Vec<u8> = self.pixels.iter().flatten().map(|&code| byte(code)).collect();
         let kind = image::ExtendedColorType::Rgb8;
-        image::save_buffer_with_format(path, &bytes, self.width, self.height, kind, ImageFormat::Png).map_err(
-            |error| match error {
-                image::ImageError::IoError(error) => Error::io(path, &error),
+        whole_file::write(path, |file| {
+            let encoder = PngEncoder::new(file);
+            encoder.write_image(&bytes, self.width, self.height, kind).map_err(|error| match error {
+                image::ImageError::IoError(error) => Error::writing(path, &error),
                 error => Error::File { path: path.to_path_buf(), problem: error.to_string() },
-            },
-        )
+            })
+        })
     }
 }
 

@@ -8,6 +8,7 @@ use exr::prelude::{
 };
 
 use crate::error::{Error, Result};
+use crate::whole_file;
 
 /// The most pixels that a picture may have: 32 Mi, 384 MiB of memory.
 pub const MAX_PIXELS: usize = 1 << 25;
@@ -74,7 +75,7 @@ impl Picture {
         Picture::new(size.width() as u32, size.height() as u32, pixels).map_err(|e| fail(e.to_string()))
     }
 
-    /// Writes an OpenEXR file: R, G and B as 32-bit floats, losslessly compressed.
+    /// Writes an OpenEXR file: R, G and B as 32-bit floats, losslessly compressed; whole or not at all.
     ///
     /// # Errors
     /// [`Error::File`] where the file cannot be written.
@@ -90,7 +91,12 @@ impl Picture {
             Encoding::SMALL_LOSSLESS,
             channels,
         );
-        Image::from_layer(layer).write().to_file(path).map_err(|e| exr_error(path, e))
+        whole_file::write(path, |file| {
+            Image::from_layer(layer).write().to_buffered(file).map_err(|error| match error {
+                exr::error::Error::Io(error) => Error::writing(path, &error),
+                error => exr_error(path, error),
+            })
+        })
     }
 
     /// Pixels with a channel that is not a finite number.

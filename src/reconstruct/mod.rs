@@ -32,6 +32,7 @@ use crate::gpu::vulkan::{
 };
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
+use crate::scene::Sun;
 use tables::{Finders, Tables};
 
 /// Samples that one dispatch of a pass without neighbours takes.
@@ -66,6 +67,8 @@ pub struct Frame<'a> {
     pub samples: BufferRef,
     /// One [`VisibilityRecord`] for each pixel, row after row; needed for guided reconstruction.
     pub visibility: Option<BufferRef>,
+    /// The sun whose visibility the records hold: its light is added at each pixel (guided).
+    pub sun: Option<Sun>,
     /// Where the pixels go: rectangles of one target do not overlap.
     pub outputs: &'a [Output<'a>],
 }
@@ -132,7 +135,8 @@ struct PixelParameters {
     pixel_width: f32,
     count: u32,
     sample_neighbours: u32,
-    padding: [u32; 2],
+    sun: [f32; 3],
+    padding: [u32; 3],
 }
 
 impl Reconstruction {
@@ -220,7 +224,7 @@ impl Reconstruction {
         let dropped = BufferRef::from(&state.dropped);
         commands.fill_zero(&dropped);
         commands.barrier();
-        let rays = rays(frame.view);
+        let rays = rays(frame.view, frame.sun);
         let pixel_width = f64::from(rays.across[0]).hypot(f64::from(rays.across[1]));
         let pixel_width = pixel_width.hypot(f64::from(rays.across[2])) as f32;
         self.prepare.record(commands, tables, &self.settings, &samples, &dropped, (rays, pixel_width))?;
@@ -261,14 +265,16 @@ impl Reconstruction {
 }
 
 /// Where the view's pixels look, in world orientation, at depth 1 metre.
-fn rays(view: &View) -> Rays {
+/// The fourth components hold the direction towards the sun.
+fn rays(view: &View, sun: Option<Sun>) -> Rays {
     let toward = |x: f64, y: f64| view.world_from_eye.rotation * view.eye_direction(DVec2::new(x, y));
     let corner = toward(0.5, 0.5);
-    let vector = |v: glam::DVec3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
+    let sun = sun.map_or(glam::Vec3::ZERO, |sun| sun.direction);
+    let vector = |v: glam::DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
     Rays {
-        corner: vector(corner),
-        across: vector(toward(1.5, 0.5) - corner),
-        down: vector(toward(0.5, 1.5) - corner),
+        corner: vector(corner, sun.x),
+        across: vector(toward(1.5, 0.5) - corner, sun.y),
+        down: vector(toward(0.5, 1.5) - corner, sun.z),
     }
 }
 
@@ -363,7 +369,8 @@ fn draw(
             pixel_width,
             count: tables.count as u32,
             sample_neighbours: tables.neighbours,
-            padding: [0; 2],
+            sun: frame.sun.map_or([0.0; 3], |sun| (sun.radiance * sun.solid_angle() as f32).to_array()),
+            padding: [0; 3],
         };
         let first_sample = band.first_sample as usize;
         let prepared = tables

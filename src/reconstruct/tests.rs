@@ -74,6 +74,7 @@ impl Bench {
             view: &self.view,
             samples: (&samples).into(),
             visibility: Some((&visibility).into()),
+            sun: None,
             outputs,
         };
         self.reconstruction.submit(0, &frame).unwrap();
@@ -394,7 +395,13 @@ fn guided_reconstruction_asks_for_visibility() {
     let samples = HostBuffer::new(&context, 32).unwrap();
     let image = Image::new(&context, Format::R8G8B8A8_UNORM, 8, 8).unwrap();
     let outputs = [Output::whole(image.target(), 0.0)];
-    let frame = Frame { view: &bench.view, samples: (&samples).into(), visibility: None, outputs: &outputs };
+    let frame = Frame {
+        view: &bench.view,
+        samples: (&samples).into(),
+        visibility: None,
+        sun: None,
+        outputs: &outputs,
+    };
     let error = bench.reconstruction.submit(0, &frame).unwrap_err();
     assert!(error.to_string().contains("visibility"), "{error}");
     testing::assert_valid(&context);

@@ -9,13 +9,15 @@ pub mod paint;
 pub mod shapes;
 pub mod voxel_town;
 
+use std::io::Write;
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::whole_file;
 
-/// Writes a generated file; the error names `path`.
+/// Writes a generated file, whole or not at all; the error names `path`.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    std::fs::write(path, bytes).map_err(|e| Error::io(path, &e))
+    whole_file::write(path, |file| file.write_all(bytes).map_err(|e| Error::writing(path, &e)))
 }
 
 /// Mixes numbers into 64 bits that look random (the finaliser of SplitMix64 after each).

@@ -57,6 +57,8 @@ pub struct Tracer {
     trace_samples: Kernel,
     describe_pixels: Kernel,
     shade_samples: Kernel,
+    /// Exists where the environment has a sun.
+    light_pixels: Option<Kernel>,
     counters: Buffer<u32>,
     /// Grown when a view needs more.
     hits: Buffer<HitRecord>,
@@ -104,6 +106,7 @@ impl Tracer {
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
             shade_samples: program.kernel("shade_samples")?,
+            light_pixels: features.sun.then(|| program.kernel("light_pixels")).transpose()?,
             counters: Buffer::new(device, 2)?,
             hits: Buffer::new(device, 1)?,
             device: device.clone(),
@@ -216,7 +219,21 @@ impl Tracer {
             Arg::buffer(records),
         ]);
         let describe = self.describe_pixels.launch(&args, view.pixels().div_ceil(RUN), GROUP)?;
-        Ok(vec![trace, describe])
+        let mut events = vec![trace, describe];
+        if let Some(kernel) = &self.light_pixels {
+            let mut args = self.scene.args();
+            args.extend([
+                Arg::value(camera),
+                Arg::value(shading),
+                Arg::U32(0),
+                Arg::U32(view.height),
+                Arg::buffer(&self.hits),
+                Arg::buffer(records),
+                Arg::buffer(&self.counters),
+            ]);
+            events.push(kernel.launch(&args, blocks, GROUP)?);
+        }
+        Ok(events)
     }
 
     fn trace_only_samples(&self, camera: &layout::Camera, pattern: &TracePattern) -> Result<Event> {

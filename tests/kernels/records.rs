@@ -1,7 +1,7 @@
 //! What the kernels write besides radiance: visibility, guided samples, the same bits for the same seed.
 
 use foveate::gpu::opencl::Device;
-use foveate::layout::{SampleRecord, unpack_emission, unpack_normal};
+use foveate::layout::{SUN_VISIBLE, SampleRecord, unpack_emission, unpack_normal24};
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};
@@ -76,8 +76,8 @@ fn visibility_is_what_the_reference_sees() {
             let forward = view.world_from_eye.rotation * DVec3::NEG_Z;
             let depth = (hit.t * ray.direction).dot(forward);
             assert!((f64::from(record.depth) - depth).abs() < 1e-5 * depth, "{pixel}: {record:?} {depth}");
-            let normal = DVec3::from(unpack_normal(record.normal).map(f64::from));
-            assert!(normal.distance(surface.normal) < 2e-4, "{pixel}: {normal} {}", surface.normal);
+            let normal = DVec3::from(unpack_normal24(record.normal).map(f64::from));
+            assert!(normal.distance(surface.normal) < 1.5e-3, "{pixel}: {normal} {}", surface.normal);
             for channel in 0..3 {
                 let code = surface.base_color[channel as usize].sqrt() * 255.0;
                 assert!(
@@ -95,12 +95,44 @@ fn visibility_is_what_the_reference_sees() {
     });
 }
 
+/// Pixels see the sun's centre where the reference's ray to it meets nothing. Rounding may decide otherwise
+/// at shadows' edges only: few pixels, none of them far from one.
+#[test]
+fn pixels_see_the_sun_where_the_reference_does() {
+    on_every_device(|device| {
+        let (scene, light, view) = (still_life(), cases::floor_under_sky().light, eye());
+        let sun = light.sun.unwrap().direction.as_dvec3();
+        let settings = Settings { guided: true, rays: 1, ..PLAIN };
+        let picture = Bench::new(device, &scene, &light).trace(&view, &settings, &all_pixels(&view));
+        let tracer = Tracer::new(&scene);
+        let (mut lit, mut dark, mut wrong) = (0, 0, 0);
+        for (pixel, record) in picture.visibility.iter().enumerate() {
+            let at = DVec2::new((pixel % 48) as f64, (pixel / 48) as f64) + 0.5;
+            let ray = reference::camera_ray(&scene, &view, at);
+            let Some(hit) = tracer.closest(&ray, f64::INFINITY) else { continue };
+            let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
+            let origin = ray.origin + ray.direction * hit.t + surface.geometric_normal * 1e-5;
+            let free = surface.geometric_normal.dot(sun) > 0.0
+                && !tracer.occluded(&reference::Ray { origin, direction: sun }, f64::INFINITY);
+            let seen = record.normal & SUN_VISIBLE == SUN_VISIBLE;
+            assert!(seen || record.normal & SUN_VISIBLE == 0, "{pixel}");
+            lit += usize::from(free);
+            dark += usize::from(!free);
+            wrong += usize::from(free != seen);
+        }
+        println!("{lit} pixels in the sun, {dark} in shadow, {wrong} judged otherwise");
+        assert!(lit > 300 && dark > 40 && wrong * 300 <= lit + dark, "{lit} {dark} {wrong}");
+    });
+}
+
 /// Guided samples times their surface's colours are the radiance that k-NN samples have.
 #[test]
 fn guided_samples_are_radiance_divided_by_colour() {
     on_every_device(|device| {
         let (mut scene, light, view) = (still_life(), cases::floor_under_sky().light, eye());
         scene.lights = cases::lights();
+        // Guided samples leave the sun to their pixels.
+        let light = foveate::scene::Environment { sun: None, ..light };
         let mut bench = Bench::new(device, &scene, &light);
         for bounces in [0, 2] {
             let settings = Settings { rays: 40, bounces, seed: 5, ..PLAIN };

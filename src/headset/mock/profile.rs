@@ -77,6 +77,18 @@ impl Profile {
         Profile { eye_width, eye_height, ..self }
     }
 
+    /// The same headset with lenses of another strength: all of the field of view grows and shrinks with
+    /// the vertical one, which is `2 atan` of half the sum of its two tangents, in radians.
+    pub fn with_vertical_fov(mut self, fov_y: f64) -> Self {
+        let factor = 2.0 * (fov_y / 2.0).tan() / (self.fov_left.up - self.fov_left.down);
+        for fov in [&mut self.fov_left, &mut self.fov_right] {
+            for tangent in [&mut fov.left, &mut fov.right, &mut fov.up, &mut fov.down] {
+                *tangent *= factor;
+            }
+        }
+        self
+    }
+
     /// The left and the right eye's view with the head (the point between the eyes) at `world_from_head`.
     /// The eyes are half the distance between them to both sides along the head's X, and parallel.
     pub fn views(&self, world_from_head: Pose) -> [View; 2] {
@@ -134,5 +146,17 @@ mod tests {
             assert_eq!(Profile::named(profile.name), Some(profile));
         }
         assert_eq!(Profile::named("dk9"), None);
+    }
+
+    #[test]
+    fn the_vertical_field_of_view_is_met_and_pixels_keep_their_shape() {
+        for profile in Profile::all() {
+            let wide = profile.resized(300, 200).with_vertical_fov(1.2);
+            for fov in [wide.fov_left, wide.fov_right] {
+                assert!((fov.up - 0.6f64.tan()).abs() < 1e-12 && (fov.down + 0.6f64.tan()).abs() < 1e-12);
+            }
+            let (old, new) = (profile.resized(300, 200).fov_left, wide.fov_left);
+            assert!((new.left / old.left - new.up / old.up).abs() < 1e-12);
+        }
     }
 }

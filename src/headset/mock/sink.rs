@@ -1,7 +1,7 @@
 //! Where the mock headset's pictures go: files.
 
 use std::fmt::Display;
-use std::fs::{self, File};
+use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -13,6 +13,7 @@ use image::{DynamicImage, RgbaImage};
 use super::animation;
 use super::preview::Thumbnails;
 use crate::error::{Error, Result};
+use crate::whole_file;
 
 /// Pictures that wait for the writer at most; one more and [`PictureSink::push`] waits too.
 const QUEUE: usize = 2;
@@ -73,9 +74,7 @@ impl PictureSink {
         let directory = directory.into();
         fs::create_dir_all(&directory).map_err(|e| Error::writing(&directory, &e))?;
         // Told before the first frame is traced rather than after it.
-        let probe = directory.join(format!(".foveate-{}", std::process::id()));
-        File::create(&probe).map_err(|e| Error::writing(&directory, &e))?;
-        fs::remove_file(&probe).map_err(|e| Error::writing(&probe, &e))?;
+        whole_file::check_folder(&directory)?;
         let (queue, pictures) = sync_channel(QUEUE);
         let to = directory.clone();
         let thread = std::thread::Builder::new()
@@ -180,19 +179,14 @@ fn write_png(path: &Path, picture: &DynamicImage) -> Result<()> {
     })
 }
 
-/// Encodes in memory, then writes; leaves no half of a file behind.
+/// Encodes in memory, then writes the whole file or nothing.
 fn write_encoded<E: Display>(path: &Path, encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>) -> Result<()> {
     let mut bytes = Vec::new();
     encode(&mut bytes).map_err(|error| Error::File {
         path: path.to_path_buf(),
         problem: format!("its format does not hold this picture ({error}); choose a smaller one"),
     })?;
-    let mut file = File::create(path).map_err(|e| Error::writing(path, &e))?;
-    file.write_all(&bytes).map_err(|error| {
-        // The first error is the one to tell; half a picture that cannot be removed adds nothing to it.
-        let _ = fs::remove_file(path);
-        Error::writing(path, &error)
-    })
+    whole_file::write(path, |file| file.write_all(&bytes).map_err(|e| Error::writing(path, &e)))
 }
 
 #[cfg(test)]

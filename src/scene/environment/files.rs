@@ -22,6 +22,9 @@ struct Pixels {
 /// See [`Environment::load`].
 pub(super) fn load(path: &Path) -> Result<(Environment, Vec<String>)> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    if !std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.is_file() {
+        return Err(problem(path, "it is not a regular file; give the path of a map"));
+    }
     let mut pixels = match extension.as_str() {
         "hdr" => load_hdr(path)?,
         "exr" => load_exr(path)?,

@@ -1,0 +1,54 @@
+# The commands that people run; `make help` lists them.
+
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help demo test bench lint install-udev
+
+# rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
+export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
+
+RULES := 71-oculus-rift-dk1.rules
+
+need_cargo = command -v cargo >/dev/null || { \
+  echo "make: cargo is missing; install Rust with rustup (https://rustup.rs) and run make again." >&2; exit 1; }
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: ## Install what it needs, build, and run the demo; ARGS="--json" passes arguments on
+	@$(need_cargo)
+	scripts/install-packages.sh demo
+	cargo build --release
+	./target/release/foveate demo $(ARGS)
+
+test: ## Install what the tests need and run all of them; ARGS="--test foveation" chooses
+	@$(need_cargo)
+	scripts/install-packages.sh test
+	scripts/run-tests.sh $(ARGS)
+
+bench: ## Measure a frame's cost and accuracy; ARGS="--scenes demo" passes arguments on
+	@$(need_cargo)
+	scripts/install-packages.sh demo
+	cargo bench --bench frame -- $(ARGS)
+
+lint: ## Check format and lints (needs the rustfmt and clippy components)
+	@$(need_cargo)
+	cargo fmt --check
+	cargo clippy --all-targets -- -D warnings
+
+install-udev: ## Let this seat's user open the tracker of a Rift DK1
+	@as_root=; \
+	if [[ $$(id -u) -ne 0 ]]; then \
+	  command -v sudo >/dev/null || { echo "make: run this as root; there is no sudo here." >&2; exit 1; }; \
+	  as_root=sudo; \
+	fi; \
+	$$as_root install -D -m 644 configs/$(RULES) /etc/udev/rules.d/$(RULES); \
+	echo "make: installed /etc/udev/rules.d/$(RULES)"; \
+	if ! command -v udevadm >/dev/null; then \
+	  echo "make: there is no udevadm here; the rule holds where udev runs."; \
+	elif $$as_root udevadm control --reload; then \
+	  echo "make: udev has read it; unplug the tracker and plug it in again."; \
+	else \
+	  echo "make: udev does not run now; the rule holds from its next start."; \
+	fi

@@ -1,0 +1,117 @@
+//! `foveate scene info`.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::cli::machine::Machine;
+use crate::cli::options::ConfigOptions;
+use crate::cli::output;
+use crate::config::Layers;
+use crate::error::Result;
+use crate::frame::Loaded;
+use crate::scene::info::{SceneInfo, summarise};
+use crate::trace::{BufferBytes, SceneBuffers};
+
+/// Arguments of `foveate scene info`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A glTF 2.0 file, .gltf or .glb.
+    scene: PathBuf,
+    #[command(flatten)]
+    options: ConfigOptions,
+}
+
+#[derive(Serialize)]
+struct Info {
+    scene: String,
+    #[serde(flatten)]
+    info: SceneInfo,
+    bvh: BvhInfo,
+    device: String,
+    device_buffers: Vec<BufferBytes>,
+    device_bytes: usize,
+}
+
+#[derive(Serialize)]
+struct BvhInfo {
+    nodes: usize,
+    depth: u32,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let config = args.options.layers(Layers::default())?.finish()?;
+    let loaded = Loaded::from_file(&args.scene, &config)?;
+    let machine = Machine::open(&config.devices)?;
+    let buffers = SceneBuffers::upload(&machine.device, &loaded.scene, &loaded.bvh, &loaded.environment)?;
+    let device_buffers = buffers.bytes();
+    let info = Info {
+        scene: args.scene.display().to_string(),
+        info: summarise(&loaded.scene, &loaded.environment),
+        bvh: BvhInfo { nodes: loaded.bvh.nodes.len(), depth: loaded.bvh.depth() },
+        device: machine.device.info().name.clone(),
+        device_bytes: device_buffers.iter().map(|b| b.bytes).sum(),
+        device_buffers,
+    };
+    if args.options.json { output::print_json(&info) } else { output::print_line(&info.text()) }
+}
+
+impl Info {
+    fn text(&self) -> String {
+        let scene = &self.info;
+        let mut text = format!("{}\n", self.scene);
+        let mut line = |name: &str, value: String| {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "  {name:<11} {value}");
+        };
+        line("triangles", format!("{} with {} vertices", scene.triangles, scene.vertices));
+        line("instances", scene.instances.to_string());
+        line("materials", scene.materials.to_string());
+        line("textures", format!("{}, {} with mip levels", scene.textures, size(scene.texture_bytes)));
+        line("bounds", scene.bounds.map_or("none".into(), |b| format!("{:.3?} to {:.3?} m", b.min, b.max)));
+        line("features", self.features());
+        line("lights", self.lights());
+        for camera in &scene.cameras {
+            let fov = camera.fov_y.map_or("orthographic".into(), |fov| format!("{fov:.1} degrees high"));
+            line("camera", format!("{:?} at {:.3?}, {fov}", camera.name, camera.position));
+        }
+        line("tree", format!("{} nodes, {} deep", self.bvh.nodes, self.bvh.depth));
+        line("buffers", format!("{} on {}", size(self.device_bytes), self.device));
+        for buffer in &self.device_buffers {
+            line("", format!("{:<12} {:>10}", buffer.name, size(buffer.bytes)));
+        }
+        for warning in &scene.warnings {
+            line("note", warning.clone());
+        }
+        text.trim_end().to_string()
+    }
+
+    fn features(&self) -> String {
+        let on = self.info.features.defines().into_iter().filter(|(_, on)| *on);
+        let names: Vec<String> =
+            on.map(|(name, _)| name.trim_start_matches("HAS_").to_lowercase().replace('_', " ")).collect();
+        if names.is_empty() { "none".into() } else { names.join(", ") }
+    }
+
+    fn lights(&self) -> String {
+        let lights = self.info.lights;
+        let counts = [(lights.point, "point"), (lights.spot, "spot"), (lights.directional, "directional")];
+        let some: Vec<String> = counts
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, kind)| format!("{count} {kind}"))
+            .collect();
+        if some.is_empty() { "none of its own".into() } else { some.join(", ") }
+    }
+}
+
+/// Bytes in a unit that is easy to read.
+fn size(bytes: usize) -> String {
+    match bytes {
+        0..1024 => format!("{bytes} B"),
+        1024..1_048_576 => format!("{:.1} KiB", bytes as f64 / 1024.0),
+        _ => format!("{:.1} MiB", bytes as f64 / 1_048_576.0),
+    }
+}

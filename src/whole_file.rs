@@ -1,0 +1,185 @@
+//! Files that appear under their name only when they are whole: written under another name in the same
+//! folder, then renamed. What was there before stays until then, whatever goes wrong.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use crate::error::{Error, Result};
+
+/// Tells whether [`write`] can succeed, so that nobody waits for a picture that has no place to go.
+/// Changes nothing.
+///
+/// # Errors
+/// [`Error::File`] where the folder is missing or not writable, or what has the name now is not a file
+/// that may be written.
+pub fn check(path: &Path) -> Result<()> {
+    let path = &resolved(path);
+    match fs::metadata(path) {
+        Ok(there) if there.is_dir() => return Err(Error::writing(path, &ErrorKind::IsADirectory.into())),
+        Ok(there) if !there.is_file() => {
+            let problem = "it is a device or a pipe, not a file; choose another name".to_string();
+            return Err(Error::File { path: path.clone(), problem });
+        }
+        Ok(_) => drop(OpenOptions::new().write(true).open(path).map_err(|e| Error::writing(path, &e))?),
+        Err(error) if error.kind() == ErrorKind::NotFound => {}
+        Err(error) => return Err(Error::writing(path, &error)),
+    }
+    Draft::create(path).map(drop)
+}
+
+/// Tells whether files can be written to a folder, or the folder itself can be made where it is not there
+/// yet. Changes nothing.
+///
+/// # Errors
+/// [`Error::File`] that names `folder`.
+pub fn check_folder(folder: &Path) -> Result<()> {
+    let fail = |error: &io::Error| Error::writing(folder, error);
+    let nearest = folder
+        .ancestors()
+        .map(|ancestor| if ancestor.as_os_str().is_empty() { Path::new(".") } else { ancestor })
+        .find(|ancestor| fs::symlink_metadata(ancestor).is_ok())
+        .ok_or_else(|| fail(&ErrorKind::NotFound.into()))?;
+    if !fs::metadata(nearest).map_err(|e| fail(&e))?.is_dir() {
+        return Err(fail(&ErrorKind::NotADirectory.into()));
+    }
+    Draft::within(nearest).map(drop).map_err(|e| fail(&e))
+}
+
+/// Writes a file with `fill`. A file of that name is replaced when all is written, and left alone where
+/// that fails; what a link points at is replaced, not the link.
+///
+/// # Errors
+/// What `fill` says, or [`Error::File`] where the file cannot be made.
+pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
+    check(path)?;
+    let path = &resolved(path);
+    let mut draft = Draft::create(path)?;
+    fill(&mut draft.file)?;
+    draft.file.flush().and_then(|()| fs::rename(&draft.temporary, path)).map_err(|e| Error::writing(path, &e))
+}
+
+/// The file that a link points at, and any other path as it is.
+fn resolved(path: &Path) -> PathBuf {
+    fs::canonicalize(path).ok().filter(|_| path.is_symlink()).unwrap_or_else(|| path.to_path_buf())
+}
+
+/// A file under a name that nothing else uses, removed where it was not renamed.
+struct Draft {
+    temporary: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Draft {
+    /// Makes one beside `path`.
+    fn create(path: &Path) -> Result<Draft> {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        Draft::within(folder.unwrap_or(Path::new("."))).map_err(|e| Error::writing(path, &e))
+    }
+
+    fn within(folder: &Path) -> io::Result<Draft> {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        loop {
+            let number = NEXT.fetch_add(1, Ordering::Relaxed);
+            let temporary = folder.join(format!(".foveate-{}-{number}.part", std::process::id()));
+            match OpenOptions::new().write(true).create_new(true).open(&temporary) {
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                result => return result.map(|file| Draft { temporary, file: BufWriter::new(file) }),
+            }
+        }
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        // After a rename there is nothing to remove; where it fails, the error that led here is told.
+        let _ = fs::remove_file(&self.temporary);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    fn put(path: &Path, text: &str) -> Result<()> {
+        write(path, |file| file.write_all(text.as_bytes()).map_err(|e| Error::writing(path, &e)))
+    }
+
+    #[test]
+    fn a_failed_write_leaves_what_was_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture.png");
+        put(&path, "first").unwrap();
+        let fail = |file: &mut BufWriter<File>| {
+            file.write_all(b"half").unwrap();
+            assert_eq!(names(folder.path()).len(), 2, "the half is under another name");
+            Err(Error::setting("test", "stops here"))
+        };
+        assert!(write(&path, fail).is_err());
+        assert_eq!(
+            (fs::read(&path).unwrap(), names(folder.path())),
+            (b"first".to_vec(), vec!["picture.png".into()])
+        );
+        put(&path, "second").unwrap();
+        assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"second".to_vec(), 1));
+    }
+
+    #[test]
+    fn wrong_places_are_told_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        fs::write(&file, "kept").unwrap();
+        for (path, part) in [
+            (folder.path().join("none/picture.png"), "its folder does not exist"),
+            (folder.path().to_path_buf(), "a folder is in its place"),
+            (file.join("picture.png"), "is a file, not a folder"),
+        ] {
+            let message = check(&path).unwrap_err().to_string();
+            assert!(message.contains(part) && message.starts_with(path.to_str().unwrap()), "{message}");
+            assert_eq!(message, put(&path, "x").unwrap_err().to_string());
+        }
+        assert_eq!(names(folder.path()), ["file"]);
+        check(&file).unwrap();
+        check(&folder.path().join("new")).unwrap();
+        assert_eq!((fs::read(&file).unwrap(), names(folder.path()).len()), (b"kept".to_vec(), 1));
+    }
+
+    #[test]
+    fn folders_that_can_be_made_are_not_made_yet() {
+        let folder = tempfile::tempdir().unwrap();
+        check_folder(&folder.path().join("a/b/c")).unwrap();
+        check_folder(folder.path()).unwrap();
+        assert!(names(folder.path()).is_empty());
+        let file = folder.path().join("file");
+        fs::write(&file, "kept").unwrap();
+        for path in [file.clone(), file.join("a/b")] {
+            let message = check_folder(&path).unwrap_err().to_string();
+            assert!(message.contains("is a file, not a folder"), "{message}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_and_devices_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (target, link) = (folder.path().join("target"), folder.path().join("link"));
+        fs::write(&target, "old").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        put(&link, "new").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read(&target).unwrap(), b"new");
+        let device = folder.path().join("device.png");
+        std::os::unix::fs::symlink("/dev/null", &device).unwrap();
+        assert!(check(&device).unwrap_err().to_string().contains("not a file"));
+    }
+}

@@ -1,0 +1,156 @@
+//! `foveate mock` and `foveate demo`.
+
+use super::*;
+
+const MOCK: &str = "mock scene.glb --json --width 96 --height 32 --samples 200 --rays 2 --position 0,1,4";
+
+/// The lines of `frames.jsonl`.
+fn frames(folder: &Path) -> Vec<Value> {
+    let text = std::fs::read_to_string(folder.join("frames.jsonl")).unwrap();
+    assert!(text.is_empty() || text.ends_with('\n'));
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn a_run_writes_pictures_sheet_preview_and_a_line_for_each_frame() {
+    let folder = folder();
+    let out = folder.path().join("frames");
+    std::fs::create_dir(&out).unwrap();
+    for name in ["notes.txt", "frame_0009.png", "frame_0000.png"] {
+        std::fs::write(out.join(name), "of an earlier run").unwrap();
+    }
+    let told = foveate(folder.path(), &format!("{MOCK} --frames 4 --out frames")).succeeds().json();
+    assert_eq!([&told["width"], &told["height"], &told["pixels"]], [96, 32, 3072]);
+    assert_eq!([&told["samples"], &told["frames"]], [400, 4], "both eyes' samples");
+    for key in ["fps", "rays", "frame_ms", "stage_ms", "device", "sharing", "presenter"] {
+        assert!(!told[key].is_null(), "{key} of {told}");
+    }
+    let lines = frames(&out);
+    assert_eq!(lines.len(), 4);
+    for (index, line) in lines.iter().enumerate() {
+        assert_eq!(
+            [&line["frame"], &line["samples"], &line["pixels"]],
+            [index, 400, 3072].map(Value::from).each_ref()
+        );
+        assert!(line["rays"].as_u64().unwrap() > 400);
+        for key in ["pattern_ms", "trace_ms", "shade_ms", "share_ms", "reconstruct_ms", "frame_ms"] {
+            assert!(line[key].as_f64().unwrap() >= 0.0, "{key} of {line}");
+        }
+        assert_eq!(png(out.join(format!("frame_{index:04}.png"))).dimensions(), (96, 32));
+    }
+    assert!(lines.windows(2).all(
+        |pair| pair[0]["gaze"] != pair[1]["gaze"] || pair[0]["head_position"] != pair[1]["head_position"]
+    ));
+    assert!(png(out.join("contact_sheet.png")).width() > 96);
+    assert!(std::fs::read(out.join("preview.gif")).unwrap().starts_with(b"GIF89a"));
+    // What other runs left is kept, apart from files of the same names; nothing else appears.
+    assert_eq!(std::fs::read(out.join("notes.txt")).unwrap(), b"of an earlier run");
+    assert_eq!(std::fs::read(out.join("frame_0009.png")).unwrap(), b"of an earlier run");
+    let expected = [
+        "contact_sheet.png",
+        "frame_0000.png",
+        "frame_0001.png",
+        "frame_0002.png",
+        "frame_0003.png",
+        "frame_0009.png",
+        "frames.jsonl",
+        "notes.txt",
+        "preview.gif",
+    ];
+    assert_eq!(names(&out), expected);
+}
+
+#[test]
+fn rendering_flags_hold_for_the_mock_headset() {
+    let folder = folder();
+    let first = |flags: &str| {
+        let told = foveate(folder.path(), &format!("{MOCK} --frames 1 --out f {flags}")).succeeds().json();
+        (png(folder.path().join("f/frame_0000.png")), told, frames(&folder.path().join("f")))
+    };
+    let (base, told, _) = first("");
+    assert_eq!(told["presenter"], "mock headset (generic)");
+    assert_eq!(differing(&base, &first("").0), 0, "the same again");
+    for flags in [
+        "--headset dk1",
+        "--fov-y 40",
+        "--gaze 0,1 --reconstruct k-nn",
+        "--seed 3",
+        "--exposure 1",
+        "--stereo shared",
+        "--set view.ipd=0.5",
+        "--look-at 9,0,0",
+        "--law uniform",
+    ] {
+        assert!(differing(&base, &first(flags).0) > 100, "{flags} changes nothing");
+    }
+    let (mono, told, _) = first("--stereo mono --samples 900");
+    assert_eq!((mono.dimensions(), &told["samples"]), ((96, 32), &json!(900)));
+    assert_eq!(first("--gaze 0.25,0.75").2[0]["gaze"], json!([0.25, 0.75]));
+    let run = foveate(folder.path(), &format!("{MOCK} --out f --headset rift9"));
+    assert!(run.sentence().contains("choose dk1 or generic"), "{run:?}");
+    let run = foveate(folder.path(), &format!("{MOCK} --out f --width 97"));
+    assert!(run.sentence().contains("--width: both eyes share it"), "{run:?}");
+}
+
+#[test]
+fn a_name_that_is_taken_by_a_folder_is_told_before_the_scene_is_read() {
+    let folder = folder();
+    for name in ["frames.jsonl", "contact_sheet.png", "preview.gif"] {
+        let taken = folder.path().join("out").join(name);
+        std::fs::create_dir_all(&taken).unwrap();
+        let run = foveate(folder.path(), "mock none.glb --out out");
+        assert!(run.sentence().contains(&format!("{name}: a folder is in its place")), "{run:?}");
+        std::fs::remove_dir(taken).unwrap();
+    }
+}
+
+/// Ends a run in its middle, as Ctrl-C does, and looks at what it left.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_leaves_whole_files() {
+    let folder = folder();
+    let out = folder.path().join("out");
+    let mut child =
+        command(folder.path(), "mock scene.glb --width 640 --height 320 --frames 100000 --out out")
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+    while !out.join("frame_0002.png").exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(!child.wait().unwrap().success());
+    let pictures: Vec<String> = names(&out).into_iter().filter(|name| name.ends_with(".png")).collect();
+    assert!(pictures.len() >= 3);
+    for name in &pictures {
+        assert_eq!(png(out.join(name)).dimensions(), (640, 320), "{name}");
+    }
+    assert!(frames(&out).len() >= pictures.len());
+}
+
+#[test]
+fn the_demo_writes_all_its_files_and_tells_what_it_did() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = "--set view.width=256 --set view.height=160 --set foveation.samples=2000 --set trace.rays=4";
+    let run = foveate(folder.path(), &format!("demo {small}")).succeeds();
+    let pixels = 256 * 160;
+    for part in [
+        "fps",
+        &format!("4000 shaded samples for {pixels} pixels"),
+        "Mrays/s",
+        "traced by",
+        "mock headset",
+        "out/demo",
+    ] {
+        assert!(run.out.contains(part), "{part}: {run:?}");
+    }
+    let out = folder.path().join("out/demo");
+    let lines = frames(&out);
+    assert!(lines.len() >= 2);
+    assert_eq!(names(&out).len(), lines.len() + 3);
+    let picture = png(out.join("frame_0000.png"));
+    assert_eq!(picture.dimensions(), (256, 160));
+    let colours: std::collections::HashSet<_> = picture.pixels().map(|pixel| pixel.0).collect();
+    assert!(colours.len() > 1000, "{} colours: it shows something", colours.len());
+}

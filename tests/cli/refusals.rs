@@ -1,0 +1,197 @@
+//! What cannot be done is refused in one sentence, and nothing is lost.
+
+use super::*;
+
+#[test]
+fn settings_that_do_not_fit_are_refused_by_the_name_they_were_given() {
+    let folder = folder();
+    std::fs::write(folder.path().join("bad.toml"), "[trace]\nrays = 'many'").unwrap();
+    std::fs::write(folder.path().join("no.toml"), "trace = {").unwrap();
+    let view = "render scene.glb --out it.png --width 48 --height 32";
+    for (flags, part) in [
+        ("--samples 1537", "--samples: 1537 are more than the 1536 pixels"),
+        ("--samples 800 --stereo per-eye", "--samples: 800 are more than the 768 pixels of each eye"),
+        ("--samples 0", "--samples: "),
+        ("--samples 99999999999999999999", "--samples: "),
+        ("--samples some", "--samples: "),
+        ("--set foveation.samples=1537", "foveation.samples: 1537"),
+        ("--rays 0", "--rays: 0 is out of range"),
+        ("--rays 5000", "--rays: 5000 is out of range"),
+        ("--bounces 5", "--bounces: 5 is out of range; give 0 to 4"),
+        ("--k 0", "--k: 0 is out of range; give 1 to 16"),
+        ("--k 17", "--k: 17"),
+        ("--fov-y 0.5", "--fov-y: 0.5 is out of range; give 1 to 175"),
+        ("--fov-y 175.5", "--fov-y: 175.5"),
+        ("--fov-y nan", "--fov-y: NaN"),
+        ("--exposure inf", "--exposure: inf"),
+        ("--width 0", "--width: 0"),
+        ("--width 16385", "--width: 16385"),
+        ("--width 16384 --height 16384", "--width: 16384x16384 are more than"),
+        ("--width 47 --stereo shared", "--width: both eyes share it"),
+        ("--law spiral", "--law: "),
+        ("--law Full", "--law: "),
+        ("--environment none.hdr", "none.hdr: there is no such file"),
+        ("--environment scene.glb", "scene.glb: its name ends neither in .hdr nor in .exr"),
+        ("--device voodoo2", "none is called \"voodoo2\"; `foveate devices` lists them"),
+        ("--set devices.vulkan=voodoo2", "voodoo2"),
+        ("--set trace.rayz=3", "rayz"),
+        ("--set trace.rays", "not key=value"),
+        ("--set foveation.law.exponent=2", "exponent: 2 is out of range"),
+        ("--config none.toml", "none.toml: there is no such file"),
+        ("--config bad.toml", "bad.toml: trace.rays: "),
+        ("--config no.toml", "no.toml: it is not a TOML file"),
+        ("--config .", ".: it is not a regular file"),
+        ("--position 1,1,1 --look-at 1,1,1", "--look-at: it is where the eye is"),
+    ] {
+        let run = foveate(folder.path(), &format!("{view} {flags}"));
+        assert!(run.sentence().contains(part), "{flags}: {run:?}");
+        let run = foveate(folder.path(), &format!("{view} {flags} --json"));
+        assert!(run.sentence().contains(part), "{flags}: {run:?}");
+    }
+    assert!(!folder.path().join("it.png").exists());
+}
+
+#[test]
+fn wrong_usage_exits_with_2_and_shows_the_way() {
+    let folder = folder();
+    for arguments in [
+        "",
+        "paint",
+        "render",
+        "render scene.glb",
+        "render --out it.png",
+        "render scene.glb --out",
+        "render scene.glb --out it.png --widht 3",
+        "render scene.glb --out it.png --width many",
+        "render scene.glb --out it.png --width -3",
+        "render scene.glb --out it.png --seed 4294967296",
+        "render scene.glb --out it.png --stereo both",
+        "render scene.glb --out it.png --reconstruct magic",
+        "render scene.glb --out it.png --passes 0",
+        "render scene.glb --out it.png --gaze 0.5",
+        "render scene.glb --out it.png --gaze nan,0.5",
+        "render scene.glb --out it.png --gaze 0.5,inf",
+        "render scene.glb --out it.png --position 1,2",
+        "render scene.glb --out it.png --look-at 1,2,x",
+        "render scene.glb other.glb --out it.png",
+        "mock scene.glb --out frames --frames 0",
+        "scene",
+        "scene generate mountain --out it.glb",
+        "tracker --replay a --record b",
+    ] {
+        let run = foveate(folder.path(), arguments);
+        assert_eq!((run.code, run.out.as_str()), (Some(2), ""), "{arguments}: {run:?}");
+        assert!(run.err.contains("--help") || run.err.contains("Usage:"), "{arguments}: {run:?}");
+    }
+    assert_eq!(names(folder.path()), ["scene.glb"]);
+}
+
+#[test]
+fn help_tells_of_every_command_and_the_version() {
+    let here = Path::new(".");
+    for command in
+        ["", "render", "mock", "demo", "scene", "scene info", "scene generate", "tracker", "devices"]
+    {
+        let run = foveate(here, &format!("{command} --help")).succeeds();
+        assert!(run.out.contains("Usage: foveate"), "{run:?}");
+        if !["", "scene", "tracker"].contains(&command) {
+            assert!(["--json", "--config", "--set"].iter().all(|flag| run.out.contains(flag)), "{run:?}");
+        }
+    }
+    assert!(foveate(here, "--version").succeeds().out.contains(env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn places_that_cannot_be_written_are_told_before_the_scene_is_read() {
+    let folder = folder();
+    std::fs::create_dir(folder.path().join("dir.png")).unwrap();
+    std::fs::write(folder.path().join("file"), "kept").unwrap();
+    for (out, part) in [
+        ("none/it.png", "none/it.png: its folder does not exist"),
+        ("dir.png", "dir.png: a folder is in its place"),
+        ("file/it.exr", "file/it.exr: a part of this path is a file"),
+        ("it.jpg", "--out: it.jpg ends in neither .png nor .exr"),
+        ("it", "--out: it ends in neither .png nor .exr"),
+    ] {
+        // There is no such scene: that it is not missed shows what is looked at first.
+        let run = foveate(folder.path(), &format!("render none.glb --out {out}"));
+        assert!(run.sentence().contains(part), "{out}: {run:?}");
+    }
+    for arguments in ["mock none.glb --out file", "mock none.glb --out file/deep", "demo --out file"] {
+        let run = foveate(folder.path(), arguments);
+        assert!(run.sentence().contains("is a file, not a folder"), "{run:?}");
+    }
+    let run = foveate(folder.path(), "scene generate voxel-town --triangles 12000 --out none/town.glb");
+    assert!(run.sentence().contains("its folder does not exist"), "{run:?}");
+    assert_eq!(names(folder.path()), ["dir.png", "file", "scene.glb"]);
+    assert_eq!(std::fs::read(folder.path().join("file")).unwrap(), b"kept");
+}
+
+#[test]
+fn scenes_that_cannot_be_used_are_told_and_what_was_there_stays() {
+    let folder = folder();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("empty.gltf", br#"{"asset":{"version":"2.0"}}"#);
+    write("nothing.glb", b"");
+    write("old.png", b"a picture of an earlier day");
+    std::fs::create_dir(folder.path().join("dir.gltf")).unwrap();
+    for (scene, part) in [
+        ("none.glb", "none.glb: there is no such file"),
+        ("dir.gltf", "dir.gltf: it is not a regular file"),
+        ("empty.gltf", "it has no triangles to show"),
+        ("nothing.glb", "nothing.glb: "),
+        ("old.png", "old.png: "),
+    ] {
+        for command in ["render", "mock --frames 1"] {
+            let out = if command == "render" { "old.png" } else { "frames" };
+            let run = foveate(folder.path(), &format!("{command} {scene} --out {out}"));
+            assert!(run.sentence().contains(part), "{run:?}");
+        }
+    }
+    assert_eq!(std::fs::read(folder.path().join("old.png")).unwrap(), b"a picture of an earlier day");
+    assert!(!folder.path().join("frames").exists());
+    let info = foveate(folder.path(), "scene info empty.gltf --json").succeeds().json();
+    assert_eq!((&info["triangles"], info["bounds"].is_null()), (&json!(0), true));
+}
+
+/// All files below a folder, in a fixed order.
+fn files(folder: &Path, found: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> =
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() { files(&path, found) } else { found.push(path) }
+    }
+}
+
+#[test]
+fn malformed_and_unsupported_files_make_a_picture_or_one_sentence() {
+    let mut scenes = Vec::new();
+    if let Some(corpus) = common::data("bad_gltf/data") {
+        files(&corpus, &mut scenes);
+        scenes.retain(|path| path.extension().is_some_and(|e| e == "gltf" || e == "glb"));
+        scenes = scenes.into_iter().step_by(20).collect();
+    }
+    for name in ["Duck.gltf", "Box.gltf", "BoxTextured_meshopt.glb"] {
+        scenes.extend(common::data(&format!("scenes/unsupported/{name}")));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut refused = 0;
+    for scene in &scenes {
+        let mut command = command(folder.path(), "render --out it.png --width 16 --height 16 --rays 1");
+        let run = run({
+            command.arg(scene);
+            command
+        });
+        match run.code {
+            // Warnings are allowed where a picture is made all the same.
+            Some(0) => assert!(run.err.lines().all(|line| line.starts_with("foveate: note: ")), "{run:?}"),
+            _ => {
+                let name = scene.file_name().unwrap().to_str().unwrap();
+                assert!(run.sentence().contains(name), "{run:?}");
+                refused += 1;
+            }
+        }
+    }
+    assert!(scenes.is_empty() || refused > 5, "{refused} of {} are refused", scenes.len());
+}
