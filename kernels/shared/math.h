@@ -42,7 +42,7 @@ static void frame_around(float3 n, float3 *t, float3 *b)
 
 static uint lowest_bit(uint v) { return 31u - clz(v & (0u - v)); }
 
-static uint snorm16(float v) { return (uint)convert_int_rte(clamp(v, -1.0f, 1.0f) * 32767.0f) & 0xffffu; }
+static uint snorm16(float v) { return (uint)(int)floor(clamp(v, -1.0f, 1.0f) * 32767.0f + 0.5f) & 0xffffu; }
 
 static uint pack_normal(float3 n)
 {
