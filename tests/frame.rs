@@ -97,9 +97,9 @@ fn both_reconstructions_come_close_to_the_full_picture() {
         "PSNR against full: guided full {:.1}, guided {:.1}, k-NN {:.1} dB",
         found[0], found[1], found[2]
     );
-    // With a sample in every pixel only the packing of colours is left; else k-NN blurs what it skips, and
-    // guided reconstruction does so less.
-    assert!(found[0] > 50.0 && found[1] > 28.5 && found[2] > 25.5, "{found:?}");
+    // With a sample in every pixel only the packing of colours is left, and the noise of the sun, which
+    // guided pictures look for apart; else k-NN blurs what it skips, and guided reconstruction hardly does.
+    assert!(found[0] > 42.0 && found[1] > 40.0 && found[2] > 25.5, "{found:?}");
     // A picture of something else is far away.
     let mut turned = plan.clone();
     turned.views[0].0.world_from_eye.rotation *= DQuat::from_rotation_y(0.1);
