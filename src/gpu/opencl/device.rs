@@ -1,7 +1,7 @@
 //! The OpenCL devices of this machine.
 #![allow(unsafe_code)]
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use cl3::types::{cl_command_queue, cl_context, cl_device_id, cl_platform_id};
 
@@ -53,6 +53,9 @@ unsafe impl Sync for Handle {}
 
 /// Lists all devices of all platforms, usable or not. No loader or no platform: an empty list.
 pub fn list() -> Vec<DeviceInfo> {
+    // Loaders and drivers start at the first question, and not all of them stand two at once.
+    static ASKING: Mutex<()> = Mutex::new(());
+    let _asking = ASKING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let Ok(platforms) = cl3::platform::get_platform_ids() else { return Vec::new() };
     let mut devices = Vec::new();
     for platform in platforms {
