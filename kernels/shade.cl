@@ -1,6 +1,9 @@
 // Shading of samples: 32 and more light rays each. One work-item shades one sample; its light rays
 // leave one point, so they travel as streams of 32.
 
+// Seed of what is left to chance on a sample's rays: two samples may send rays in one direction.
+static uint chance_of(uint sample, uint seed) { return hash(sample ^ hash(seed + 11u)); }
+
 // Traces the light rays of one stream and adds their light. With bounces, reflected rays look for the
 // nearest surface instead of any, and go on from there. What surfaces send is found by these alone, so
 // it counts by their density, and distant light by that of all rays.
@@ -38,13 +41,14 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Surface
             straight |= 1u << i;
     }
     float3 origin = leave_surface(s);
-    uint lost = straight ? trace_stream(scene, origin, 0.0f, &stream, straight, ANY, seed) : 0u;
-    uint hits = bounced ? trace_stream(scene, origin, 0.0f, &stream, bounced, CLOSEST_FRONT, seed) : 0u;
+    uint chance = chance_of(sample, seed);
+    uint lost = straight ? trace_stream(scene, origin, 0.0f, &stream, straight, ANY, chance) : 0u;
+    uint hits = bounced ? trace_stream(scene, origin, 0.0f, &stream, bounced, CLOSEST_FRONT, chance) : 0u;
     rays = popcount(straight | bounced);
     // What passes behind a single-sided surface is still kept from the sky by it.
     uint escaped = bounced & ~hits;
     if (escaped)
-        lost |= trace_stream(scene, origin, 0.0f, &stream, escaped, ANY, seed);
+        lost |= trace_stream(scene, origin, 0.0f, &stream, escaped, ANY, chance);
     for (uint left = (straight | bounced) & ~lost; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = (float3)(stream.dx[i], stream.dy[i], stream.dz[i]);
@@ -75,7 +79,7 @@ static float sun_seen(const Scene *scene, const Shading *shading, const Surface 
         set_ray(&stream, i, d, INFINITY);
         mask |= 1u << i;
     }
-    uint lost = mask ? trace_stream(scene, leave_surface(s), 0.0f, &stream, mask, ANY, seed) : 0u;
+    uint lost = mask ? trace_stream(scene, leave_surface(s), 0.0f, &stream, mask, ANY, chance_of(sample, seed)) : 0u;
     return (float)popcount(mask & ~lost) / (float)n;
 }
 #endif
@@ -123,7 +127,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __
             for (uint ray = 0; ray < shading.rays; ray += 32u)
                 rays += add_stream(&scene, &shading, &s, f0, view, &m, index, ray, camera.seed, &sum);
 #if HAS_LIGHTS
-            rays += add_punctual(&scene, &shading, &s, f0, view, camera.seed, &sum);
+            rays += add_punctual(&scene, &shading, &s, f0, view, chance_of(index, camera.seed), &sum);
 #endif
             atomic_add(&counters[0], rays);
         }

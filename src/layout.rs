@@ -106,8 +106,8 @@ shared_structs! {
 ///
 /// With k-NN reconstruction `first` is the sample's radiance and the rest is zero. With guided
 /// reconstruction `first` is the diffuse part divided by the diffuse albedo and `second` the specular
-/// part divided by the specular colour (F0), so that the sample's radiance is
-/// `diffuse * first + f0 * second + emission`, where `diffuse = base (1 - metalness)` and
+/// part divided by the specular colour (F0), so that the sample's radiance, without
+/// what it reflects of the sun, is `diffuse * first + f0 * second + emission`, where `diffuse = base (1 - metalness)` and
 /// `f0 = max(mix(0.04, base, metalness), 0.001)`; base, metalness and emission come from [`VisibilityRecord`].
 /// A sample that hit nothing, or whose estimate was not finite, has `depth` <= 0 and must get no weight
 /// in guided reconstruction.

@@ -98,6 +98,9 @@ static bool meet_leaf_alone(const Scene *scene, const Beam *b, uint first, uint 
     load_leaf(scene->leaves + 9u * first, n, b->base, q, &leaf);
     float t_max = INFINITY;
     uint triangle;
+    // All rays have one direction: chance has to tell them apart by their origins.
+    float3 origin = b->base + q;
+    seed = hash(seed ^ hash(as_uint(origin.x) ^ hash(as_uint(origin.y) ^ hash(as_uint(origin.z)))));
     return meet_leaf(scene, &leaf, first, n, b->d, &t_max, &triangle, ANY, seed);
 }
 

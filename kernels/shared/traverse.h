@@ -206,9 +206,8 @@ __attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint plac
 #endif
 
 // What a ray asks of a leaf.
-#define CLOSEST 0
-#define CLOSEST_FRONT 1
-#define ANY 2
+#define CLOSEST_FRONT 0
+#define ANY 1
 
 // Tests one ray against a leaf: true where it is hit (ANY), or a hit nearer than t_max was stored.
 static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, float3 d, float *t_max, uint *triangle,
@@ -260,7 +259,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
         if (kind == ANY)
             return true;
         // The volumes of a front face, counter-clockwise to the viewer, are positive.
-        if (kind == CLOSEST_FRONT && volumes.x + volumes.y + volumes.z < 0.0f &&
+        if (volumes.x + volumes.y + volumes.z < 0.0f &&
             !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED))
             continue;
         *t_max = distance;
@@ -270,7 +269,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
     return stored;
 }
 
-// Traces the rays of `mask`; returns those that hit something. For CLOSEST kinds the stream's t_max
+// Traces the rays of `mask`; returns those that hit something. For CLOSEST_FRONT the stream's t_max
 // and triangle hold the hits.
 __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 origin, float3 low, Stream *s, uint mask, uint kind, uint seed)
 {

@@ -125,6 +125,33 @@ fn pixels_see_the_sun_where_the_reference_does() {
     });
 }
 
+/// A pane that covers half lets the sun through at about half of the pixels in its shadow, each for itself:
+/// not at all or none of them, as one decision for its two triangles would.
+#[test]
+fn blending_panes_let_the_sun_through_pixel_by_pixel() {
+    on_every_device(|device| {
+        let pane = Material {
+            base_color: Vec4::new(1.0, 1.0, 1.0, 0.5),
+            alpha: AlphaMode::Blend,
+            double_sided: true,
+            ..Material::default()
+        };
+        let mut scene = scene_of(vec![matt(0.5), pane]);
+        floor(&mut scene, 3.0, 0.0, 0);
+        floor(&mut scene, 60.0, 20.0, 1);
+        let view = view(DVec3::new(0.0, 4.0, 0.1), DVec3::ZERO, 40.0, SIZE);
+        let settings = Settings { guided: true, rays: 8, ..PLAIN };
+        let mut bench = Bench::new(device, &scene, &cases::floor_under_sky().light);
+        let picture = bench.trace(&view, &settings, &all_pixels(&view));
+        let lit = picture.visibility.iter().filter(|r| r.normal & SUN_VISIBLE != 0).count();
+        let pixels = picture.visibility.iter().filter(|r| r.depth > 0.0).count();
+        println!("{lit} of {pixels} pixels see the sun through the pane");
+        // Five standard deviations of a fair coin.
+        let off = (lit as f64 - pixels as f64 / 2.0).abs();
+        assert!(pixels > 1000 && off < 2.5 * (pixels as f64).sqrt(), "{lit} of {pixels}");
+    });
+}
+
 /// Guided samples times their surface's colours are the radiance that k-NN samples have.
 #[test]
 fn guided_samples_are_radiance_divided_by_colour() {
