@@ -7,6 +7,9 @@ set -euo pipefail
 
 demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1)
 test=("${demo[@]}" vulkan-validationlayers)
+# The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.
+{ . /etc/os-release; } 2>/dev/null || true
+[[ "${ID:-}" == ubuntu ]] || test+=(chromium)
 
 case "${1:-demo}" in
   demo) wanted=("${demo[@]}") ;;
@@ -66,4 +69,11 @@ if [[ $old_debian == yes ]]; then
   suite=(-t trixie)
 fi
 as_root apt-get update -qq
-as_root apt-get install -y -qq --no-install-recommends "${suite[@]}" "${missing[@]}" >/dev/null
+install() { as_root apt-get install -y -qq --no-install-recommends "$@" >/dev/null; }
+drivers=() browser=()
+for package in "${missing[@]}"; do
+  if [[ $package == chromium ]]; then browser+=("$package"); else drivers+=("$package"); fi
+done
+# The browser comes from the machine's own release, so that it brings no newer libraries along.
+[[ ${#drivers[@]} -eq 0 ]] || install "${suite[@]}" "${drivers[@]}"
+[[ ${#browser[@]} -eq 0 ]] || install "${browser[@]}"
