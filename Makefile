@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench lint install-udev
+.PHONY: help demo test bench trade lint install-udev
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -31,6 +31,12 @@ bench: ## Measure a frame's cost and accuracy; ARGS="--scenes demo" passes argum
 	@$(need_cargo)
 	scripts/install-packages.sh demo
 	cargo bench --bench frame -- $(ARGS)
+
+trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few minutes, else hours
+	@$(need_cargo)
+	scripts/install-packages.sh demo
+	cargo build --release
+	scripts/measure-trade.sh $(ARGS)
 
 lint: ## Check format and lints (needs the rustfmt and clippy components)
 	@$(need_cargo)

@@ -2,6 +2,7 @@
 //! A configuration is validated once and then only read.
 
 mod budget;
+pub mod preset;
 
 use std::path::{Path, PathBuf};
 
@@ -259,13 +260,26 @@ impl Layers {
         Layers { table, given: Table::new() }
     }
 
+    /// Lays a preset over what is there.
+    ///
+    /// # Errors
+    /// Where there is none of that name.
+    pub fn preset(&mut self, name: &str) -> Result<()> {
+        self.text(preset::text(name)?, &Path::new("configs/quality").join(format!("{name}.toml")))
+    }
+
     /// Lays a TOML file over what is there.
     ///
     /// # Errors
     /// Where it cannot be read, is not TOML, names a key that does not exist, or has a value that does
     /// not fit.
     pub fn file(&mut self, path: &Path) -> Result<()> {
-        let table: Table = read_text(path)?.parse().map_err(|e: toml::de::Error| Error::File {
+        self.text(&read_text(path)?, path)
+    }
+
+    /// Lays a file's text over what is there.
+    fn text(&mut self, text: &str, path: &Path) -> Result<()> {
+        let table: Table = text.parse().map_err(|e: toml::de::Error| Error::File {
             path: path.to_path_buf(),
             problem: format!("it is not a TOML file: {}; see configs/default.toml", e.message()),
         })?;
@@ -350,6 +364,14 @@ impl Layers {
             config.check_samples()?;
         }
         Ok(config)
+    }
+
+    /// Refuses the first key whose value is out of its range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] that names it.
+    pub fn check(&self) -> Result<()> {
+        self.typed()?.check_keys()
     }
 
     fn typed(&self) -> Result<Config> {

@@ -9,8 +9,9 @@ use super::machine::Machine;
 use super::options::RenderOptions;
 use super::output::{self, RenderSummary};
 use super::render;
-use crate::config::{Config, Layers, Stereo, ViewConfig};
+use crate::config::{Config, Layers, Stereo, TargetMs, ViewConfig};
 use crate::error::{Error, Result};
+use crate::frame::budget;
 use crate::frame::log::{FrameLog, FrameRecord};
 use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
 use crate::headset::mock::{PictureSink, Profile, Script};
@@ -104,6 +105,8 @@ pub fn reach(loaded: &Loaded) -> f64 {
 pub fn stereo_defaults() -> Config {
     let mut config = Config::default();
     config.view.stereo = Stereo::PerEye;
+    // Files have no display to keep up with.
+    config.budget.target_ms = TargetMs::None;
     config
 }
 
@@ -144,10 +147,18 @@ impl Session<'_> {
         let reach = reach(self.loaded);
         let script = |seconds| Script::demo(self.rest, seconds).with_reach(reach);
 
+        let mut controller = budget::controller(self.config, Some(1e3 / profile.refresh_hz))?;
+        if let Some(controller) = &controller {
+            renderer.apply(&controller.config(self.config))?;
+        }
+
         // Drivers finish building kernels at their first launch: one frame that does not count.
         let first_plan = self.plan(profile, script(seconds).head_at(0.0))?;
         renderer.frame(&first_plan, &[], self.config.trace.seed)?;
         let warm = renderer.frame(&first_plan, &[], self.config.trace.seed)?;
+        if let Some(controller) = &mut controller {
+            controller.observe(warm.frame_ms, warm.pattern_ms);
+        }
         let count = frames(warm.frame_ms).max(1);
 
         // Nothing of an earlier run is replaced before this one has shown that it works.
@@ -161,9 +172,16 @@ impl Session<'_> {
             let (head, gaze) = (script.head_at(time), self.gaze.unwrap_or_else(|| script.gaze_at(time)));
             let plan = self.plan(profile, head)?;
             let seed = self.config.trace.seed.wrapping_add(frame);
+            let held = controller.as_ref().map(budget::Controller::held);
+            if let Some(controller) = &controller {
+                renderer.apply(&controller.config(self.config))?;
+            }
             let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
+            if let Some(controller) = &mut controller {
+                controller.observe(report.frame_ms, report.pattern_ms);
+            }
             sink.push(frame as usize, plan.width, plan.height, renderer.picture()?)?;
-            log.push(&record(frame, time, &plan, &report, gaze, head))?;
+            log.push(&FrameRecord { budget: held, ..record(frame, time, &plan, &report, gaze, head) })?;
             reports.push(report);
             bar.inc(1);
         }
@@ -203,6 +221,7 @@ fn record(frame: u32, time: f64, plan: &Plan, report: &FrameReport, gaze: DVec2,
         gaze,
         head_position: head.position,
         head_orientation: head.rotation,
+        budget: None,
     }
 }
 

@@ -14,12 +14,22 @@ use crate::scene::viewpoint::default_viewpoint;
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ConfigOptions {
+    /// Settings that come with the program, measured on several scenes: fast, balanced or accurate.
+    #[arg(long, value_name = "NAME")]
+    preset: Option<String>,
     /// Settings from a TOML file like configs/default.toml.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// One setting, such as trace.rays=16. May be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Hold this frame time: milliseconds, "display" (its period less a margin) or "none". One picture takes
+    /// the point of the front that is expected to meet it.
+    #[arg(long, value_name = "MS|display|none")]
+    target_ms: Option<String>,
+    /// Stay at this foveated score, 0 to 10, where the frame time allows it.
+    #[arg(long, value_name = "SCORE")]
+    target_score: Option<f64>,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
@@ -28,8 +38,19 @@ pub struct ConfigOptions {
 impl ConfigOptions {
     /// The defaults under files under assignments.
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
+        self.preset.iter().try_for_each(|name| layers.preset(name))?;
         self.config.iter().try_for_each(|path| layers.file(path))?;
         self.set.iter().try_for_each(|assignment| layers.assign(assignment))?;
+        let target_ms = self.target_ms.as_deref().map(number_or_name);
+        let target_score = self.target_score.map(toml::Value::Float);
+        let flags = [
+            ("--target-ms", "budget.target_ms", target_ms),
+            ("--target-score", "budget.target_score", target_score),
+        ];
+        for (flag, key, value) in flags {
+            let Some(value) = value else { continue };
+            layers.set(key, value).and_then(|()| layers.check()).map_err(|e| renamed(e, flag))?;
+        }
         Ok(layers)
     }
 }
@@ -191,9 +212,11 @@ fn named<T: clap::ValueEnum>(value: Option<T>) -> Option<toml::Value> {
 }
 
 fn count_or_name(text: &str) -> toml::Value {
-    let whole = text.parse().map(toml::Value::Integer);
-    let number = || text.parse().map(toml::Value::Float);
-    whole.or_else(|_| number()).unwrap_or_else(|_| toml::Value::String(text.to_string()))
+    text.parse().map_or_else(|_| number_or_name(text), toml::Value::Integer)
+}
+
+fn number_or_name(text: &str) -> toml::Value {
+    text.parse().map_or_else(|_| toml::Value::String(text.to_string()), toml::Value::Float)
 }
 
 fn point(text: &str) -> Result<DVec3, String> {

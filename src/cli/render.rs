@@ -10,6 +10,7 @@ use super::options::{RenderOptions, eye_fov};
 use super::output::{self, RenderSummary};
 use crate::config::{Config, Stereo};
 use crate::error::{Error, Result};
+use crate::frame::budget;
 use crate::frame::stereo::parallel_eyes;
 use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
 use crate::math::pose::Pose;
@@ -51,7 +52,7 @@ struct Summary {
 pub fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
     let kind = file_kind(&args.out)?;
-    let config = args.options.config()?;
+    let config = chosen(args.options.config()?)?;
     // Nobody should wait for a picture that has no place to go.
     whole_file::check(&args.out)?;
     let (machine, loaded) = open(&args.scene, &config)?;
@@ -80,6 +81,11 @@ pub fn run(args: &Args) -> Result<()> {
 
     let steps: Vec<Step> = loaded.steps.iter().chain(&steps).copied().chain([first_frame]).collect();
     report(args, &config, &plan, &machine, &renderer, &frames, &steps)
+}
+
+/// The point of the front that is expected to meet the targets, where there are any.
+fn chosen(config: Config) -> Result<Config> {
+    Ok(budget::controller(&config, None)?.map_or(config.clone(), |controller| controller.config(&config)))
 }
 
 /// Opens the devices while the scene loads.

@@ -82,6 +82,12 @@ pub struct OperatingPoint {
 }
 
 impl OperatingPoint {
+    /// Whether two points differ in numbers of samples and rays alone, apart from what they cost and reach.
+    pub fn same_family(&self, other: &OperatingPoint) -> bool {
+        let family = |p: &OperatingPoint| (p.law, p.bounces, p.method, p.k, p.weights);
+        family(self) == family(other)
+    }
+
     /// The configuration with this point's settings.
     pub fn applied_to(&self, config: &Config) -> Config {
         let mut config = config.clone();

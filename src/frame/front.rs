@@ -1,5 +1,7 @@
 //! Pareto fronts of time and score.
 
+use crate::config::OperatingPoint;
+
 /// Whether each of the points, milliseconds and score, is on the front: none other is at least as fast
 /// and at least as good, and better in one of the two. Of equal points the first is on it. What is not a
 /// number is never on it.
@@ -12,6 +14,22 @@ pub fn on_front(points: &[(f64, f64)]) -> Vec<bool> {
         })
     };
     (0..points.len()).map(|i| points[i].0.is_finite() && points[i].1.is_finite() && !beaten(i)).collect()
+}
+
+/// What a controller may need of what was measured, fastest first: the front, and the front among those that
+/// differ from `member` in samples and rays only.
+pub fn with_ladder(
+    points: &[OperatingPoint],
+    front: &[OperatingPoint],
+    member: &OperatingPoint,
+) -> Vec<OperatingPoint> {
+    let family: Vec<OperatingPoint> = points.iter().filter(|p| p.same_family(member)).copied().collect();
+    let values: Vec<(f64, f64)> = family.iter().map(|p| (p.frame_ms, p.score)).collect();
+    let mut list = front.to_vec();
+    let best = family.iter().zip(on_front(&values)).filter(|(_, best)| *best).map(|(p, _)| *p);
+    list.extend(best.filter(|p| !front.contains(p)));
+    list.sort_by(|a, b| a.frame_ms.total_cmp(&b.frame_ms));
+    list
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::budget::Held;
 use crate::error::{Error, Result};
 
 /// One frame. Times in milliseconds unless named otherwise.
@@ -42,6 +43,8 @@ pub struct FrameRecord {
     pub head_position: DVec3,
     /// The head's orientation in the world, as x, y, z, w.
     pub head_orientation: DQuat,
+    /// What the frame was made with where its time is held; `null` where settings stay as they are.
+    pub budget: Option<Held>,
 }
 
 /// A file with one frame a line.
@@ -108,6 +111,7 @@ mod tests {
             gaze: DVec2::new(0.25, 0.75),
             head_position: DVec3::new(1.0, 2.0, 3.0),
             head_orientation: DQuat::from_rotation_y(0.3),
+            budget: None,
         }
     }
 

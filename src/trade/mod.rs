@@ -5,6 +5,7 @@ pub mod candidate;
 mod chart;
 pub mod effort;
 mod judge;
+pub mod merge;
 mod page;
 mod reference;
 pub mod report;

@@ -10,7 +10,7 @@ use super::store::write_bytes;
 use super::{candidate, page};
 use crate::config::OperatingPoint;
 use crate::error::{Error, Result};
-use crate::frame::front::on_front;
+use crate::frame::front::{on_front, with_ladder};
 use crate::measure::stats::mean;
 
 /// One way to make frames, with what it costs and reaches.
@@ -186,7 +186,9 @@ impl Report {
         struct File {
             budget: Budget,
         }
-        let front = self.front().iter().filter_map(|p| p.operating).collect();
+        let points: Vec<OperatingPoint> = self.points.iter().filter_map(|p| p.operating).collect();
+        let front: Vec<OperatingPoint> = self.front().iter().filter_map(|p| p.operating).collect();
+        let front = points.first().map_or(Vec::new(), |given| with_ladder(&points, &front, given));
         let text = toml::to_string(&File { budget: Budget { front } })
             .map_err(|e| Error::setting("front.toml", format!("the front cannot be written: {e}")))?;
         Ok(format!(

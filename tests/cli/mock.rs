@@ -156,3 +156,47 @@ fn the_demo_writes_all_its_files_and_tells_what_it_did() {
     let colours: std::collections::HashSet<_> = picture.pixels().map(|pixel| pixel.0).collect();
     assert!(colours.len() > 1000, "{} colours: it shows something", colours.len());
 }
+
+#[test]
+fn a_frame_time_is_held_along_the_front_and_the_log_tells_how() {
+    let folder = folder();
+    let run = |flags: &str| {
+        let flags = format!("{MOCK} --frames 12 --gaze 0.5,0.5 --out f {flags}");
+        foveate(folder.path(), &flags).succeeds();
+        frames(&folder.path().join("f"))
+    };
+    assert!(run("").iter().all(|line| line["budget"].is_null()), "nothing is held unless it is asked for");
+    // No machine makes a frame in 0.1 ms, and every machine makes such small ones within a minute.
+    let (hurried, patient) = (run("--target-ms 0.1"), run("--target-ms 60000"));
+    let last = |lines: &[Value], key: &str| lines[11]["budget"][key].as_f64().unwrap();
+    assert_eq!((last(&hurried, "position"), last(&patient, "position")), (0.0, 1.0));
+    assert_eq!(last(&hurried, "target_ms"), 0.1);
+    assert!(hurried[11]["rays"].as_u64() < patient[11]["rays"].as_u64());
+    assert!(last(&hurried, "score") < last(&patient, "score"));
+    let display = run("--target-ms display --headset dk1");
+    assert_eq!(last(&display, "target_ms"), 0.9 * 1e3 / 60.0);
+    let scored = run("--target-ms none --target-score 0.1 --preset accurate");
+    assert_eq!((last(&scored, "position"), &scored[11]["budget"]["target_ms"]), (0.0, &Value::Null));
+    let run = foveate(folder.path(), &format!("{MOCK} --out f --target-ms 0"));
+    assert!(run.sentence().contains("--target-ms: 0 is out of range"), "{run:?}");
+    let run = foveate(folder.path(), &format!("{MOCK} --out f --target-ms soon"));
+    assert!(run.sentence().contains("--target-ms: give milliseconds"), "{run:?}");
+    let run = foveate(folder.path(), &format!("{MOCK} --out f --target-score 11"));
+    assert!(run.sentence().contains("--target-score: 11 is out of range"), "{run:?}");
+}
+
+#[test]
+fn presets_are_known_by_name() {
+    let folder = folder();
+    let samples = |flags: &str| {
+        let size = "--width 200 --height 100";
+        let flags = format!("render scene.glb --out a.png --json {size} {flags}");
+        let told = foveate(folder.path(), &flags).succeeds().json();
+        (told["samples"].as_u64().unwrap(), told["rays"].as_u64().unwrap())
+    };
+    let (fast, accurate) = (samples("--preset fast"), samples("--preset accurate"));
+    assert!(fast.1 < accurate.1, "{fast:?} {accurate:?}");
+    assert_eq!(samples("--preset fast --samples 0.5").0, 10_000, "flags win");
+    let run = foveate(folder.path(), "render scene.glb --out a.png --preset best");
+    assert!(run.sentence().contains("choose one of fast, balanced, accurate"), "{run:?}");
+}
