@@ -112,6 +112,8 @@ pub struct TraceConfig {
     pub rays: u32,
     /// Further bounces of light.
     pub bounces: u32,
+    /// More camera rays in each pixel where guided reconstruction finds an edge; 0 leaves edges jagged.
+    pub edge_rays: u32,
     /// Seed of the random numbers: the same picture for the same seed on the same device.
     pub seed: u32,
 }
@@ -192,7 +194,7 @@ impl Default for FoveationConfig {
 
 impl Default for TraceConfig {
     fn default() -> Self {
-        TraceConfig { rays: 32, bounces: 0, seed: 0 }
+        TraceConfig { rays: 32, bounces: 0, edge_rays: 2, seed: 0 }
     }
 }
 
@@ -397,6 +399,7 @@ impl Config {
         self.foveation.law.validate()?;
         whole("trace.rays", self.trace.rays, 1, 4096)?;
         whole("trace.bounces", self.trace.bounces, 0, 4)?;
+        whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;
         whole("reconstruction.k", self.reconstruction.k, 1, 16)?;
         let environment = &self.environment;
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;

@@ -300,6 +300,7 @@ fn trace_settings(config: &Config) -> trace::Settings {
     trace::Settings {
         rays: config.trace.rays,
         bounces: config.trace.bounces,
+        edge_rays: config.trace.edge_rays,
         guided: config.reconstruction.method == Method::Guided,
         seed: config.trace.seed,
         jitter: false,
