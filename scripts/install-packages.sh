@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Installs the system packages that foveate needs on Debian and Ubuntu:
-#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe)
+#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe), and keyboards of windows
 #   scripts/install-packages.sh test    the same, and what the tests start
 # Does nothing when all of them are there; uses sudo where it is not run by root.
 set -euo pipefail
 
-demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1)
-test=("${demo[@]}" vulkan-validationlayers)
+demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
+test=("${demo[@]}" vulkan-validationlayers xvfb)
 
 case "${1:-demo}" in
   demo) wanted=("${demo[@]}") ;;

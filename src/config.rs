@@ -28,6 +28,8 @@ pub struct Config {
     pub environment: EnvironmentConfig,
     /// Which devices are used.
     pub devices: DevicesConfig,
+    /// The Rift DK1.
+    pub dk1: Dk1Config,
 }
 
 /// The picture: size, camera, stereo, exposure.
@@ -178,6 +180,20 @@ pub struct DevicesConfig {
     pub opencl: String,
     /// Vulkan device that reconstructs: a part of its name.
     pub vulkan: String,
+}
+
+/// The Rift DK1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dk1Config {
+    /// Pixels of the undistorted pictures for one of the panel's at the lenses' centres.
+    pub resolution: f64,
+}
+
+impl Default for Dk1Config {
+    fn default() -> Self {
+        Dk1Config { resolution: 1.0 }
+    }
 }
 
 impl Default for ViewConfig {
@@ -405,7 +421,8 @@ impl Config {
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;
         range("environment.sun_azimuth", f64::from(environment.sun_azimuth), -360.0, 360.0)?;
-        range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)
+        range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)?;
+        range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)
     }
 
     /// Memory for pixels is reserved before anything is traced, so absurd numbers are refused first.

@@ -9,6 +9,7 @@ mod output;
 mod render;
 mod scene;
 pub mod tracker;
+mod window;
 
 use clap::{Parser, Subcommand};
 
@@ -24,6 +25,8 @@ pub struct Cli {
 
 const EXAMPLES: &str = "Examples:
   foveate demo                                       the demo scene, in the best headset there is
+  foveate demo --window                              the same in a window; mouse and WASD move the head
+  foveate demo --headset dk1                         the same on a Rift DK1
   foveate render scene.glb --out picture.png         one foveated picture
   foveate render scene.glb --out all.exr --samples full --rays 256
   foveate mock scene.glb --frames 60 --out frames/   a mock headset that follows a script
