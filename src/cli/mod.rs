@@ -1,5 +1,6 @@
 //! The command line: arguments to a configuration, and one command.
 
+mod bench;
 mod demo;
 mod devices;
 mod machine;
@@ -47,6 +48,8 @@ enum Command {
     Scene(scene::Args),
     /// Watch, record or replay a Rift DK1's head tracker.
     Tracker(tracker::Args),
+    /// Measure how fast a scene's rays are traced on each OpenCL device.
+    Bench(bench::Args),
     /// List what OpenCL and Vulkan offer here, what is used, and why not the rest.
     Devices(devices::Args),
 }
@@ -63,6 +66,7 @@ impl Cli {
             Command::Demo(args) => demo::run(&args),
             Command::Scene(args) => scene::run(&args),
             Command::Tracker(args) => tracker::run(&args),
+            Command::Bench(args) => bench::run(&args),
             Command::Devices(args) => devices::run(&args),
         }
     }

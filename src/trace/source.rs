@@ -30,6 +30,24 @@ pub fn text() -> String {
     FILES.join("\n")
 }
 
+/// What rays alone need, for measurements of them.
+const PROBE_FILES: [&str; 9] = [
+    include_str!("../../kernels/shared/types.h"),
+    include_str!("../../kernels/shared/math.h"),
+    include_str!("../../kernels/shared/random.h"),
+    include_str!("../../kernels/shared/scene.h"),
+    include_str!("../../kernels/shared/traverse.h"),
+    include_str!("../../kernels/shared/camera.h"),
+    include_str!("../../kernels/shared/frustum.h"),
+    include_str!("../../kernels/trace.cl"),
+    include_str!("../../kernels/bundles.cl"),
+];
+
+/// The text of the kernels that measurements use.
+pub fn probe_text() -> String {
+    PROBE_FILES.join("\n")
+}
+
 /// Build options: every feature, always defined, and the depth of the kernels' stacks.
 pub fn options(features: &Features, tree_depth: u32) -> String {
     let mut options = String::from("-cl-std=CL1.2");

@@ -12,10 +12,10 @@ use super::SceneBuffers;
 use super::source;
 
 /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
-const GROUP: usize = 8;
+pub(super) const GROUP: usize = 8;
 
 /// Pixels across and down that a work-item of `trace_pixels` takes: `BLOCK` of frustum.h.
-const BLOCK: u32 = 8;
+pub(super) const BLOCK: u32 = 8;
 /// Pixels that a work-item of `describe_pixels` takes: `RUN` of visibility.cl.
 const RUN: usize = 16;
 
@@ -292,7 +292,7 @@ impl Tracer {
 
 /// A view as kernels see it. The eye's position is split in two floats, so that a head far from the
 /// anchor still moves smoothly.
-fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
+pub(super) fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
     let rotation = glam::DMat3::from_quat(view.world_from_eye.rotation);
     let eye = view.world_from_eye.position - anchor;
     let high = eye.as_vec3();
