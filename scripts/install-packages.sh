@@ -8,6 +8,9 @@ set -euo pipefail
 
 demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
 test=("${demo[@]}" vulkan-validationlayers xvfb)
+# The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.
+{ . /etc/os-release; } 2>/dev/null || true
+[[ "${ID:-}" == ubuntu ]] || test+=(chromium)
 bench=("${demo[@]}" libembree-dev g++)
 
 case "${1:-demo}" in
@@ -77,4 +80,11 @@ if [[ $old_debian == yes && ! -e $pin ]]; then
 fi
 [[ $old_debian == yes ]] && suite=(-t trixie)
 as_root apt-get update -qq
-as_root apt-get install -y -qq --no-install-recommends "${suite[@]}" "${missing[@]}" >/dev/null
+install() { as_root apt-get install -y -qq --no-install-recommends "$@" >/dev/null; }
+drivers=() browser=()
+for package in "${missing[@]}"; do
+  if [[ $package == chromium ]]; then browser+=("$package"); else drivers+=("$package"); fi
+done
+# The browser comes from the machine's own release, so that it brings no newer libraries along.
+[[ ${#drivers[@]} -eq 0 ]] || install "${suite[@]}" "${drivers[@]}"
+[[ ${#browser[@]} -eq 0 ]] || install "${browser[@]}"

@@ -1,8 +1,11 @@
 //! Typed settings: defaults, a file, `--set key=value`, flags; later ones win. Unknown keys are refused.
 //! A configuration is validated once and then only read.
 
+mod budget;
+
 use std::path::{Path, PathBuf};
 
+pub use budget::{BudgetConfig, OperatingPoint, TargetMs};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
@@ -26,6 +29,8 @@ pub struct Config {
     pub reconstruction: ReconstructionConfig,
     /// Light from infinitely far.
     pub environment: EnvironmentConfig,
+    /// How long a frame may take.
+    pub budget: BudgetConfig,
     /// Which devices are used.
     pub devices: DevicesConfig,
     /// The Rift DK1.
@@ -73,12 +78,25 @@ pub struct FoveationConfig {
 }
 
 /// A number of samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Samples {
     /// One at each pixel.
     Full,
     /// This many.
     Count(usize),
+    /// This share of the pixels, above 0 and up to 1.
+    Share(f64),
+}
+
+impl Samples {
+    /// How many there are in a view with so many pixels: at least 1.
+    pub fn of(self, pixels: usize) -> usize {
+        match self {
+            Samples::Full => pixels,
+            Samples::Count(count) => count.min(pixels).max(1),
+            Samples::Share(share) => ((pixels as f64 * share).round() as usize).min(pixels).max(1),
+        }
+    }
 }
 
 impl Serialize for Samples {
@@ -86,6 +104,7 @@ impl Serialize for Samples {
         match self {
             Samples::Full => serializer.serialize_str("full"),
             Samples::Count(count) => serializer.serialize_u64(*count as u64),
+            Samples::Share(share) => serializer.serialize_f64(*share),
         }
     }
 }
@@ -96,12 +115,16 @@ impl<'de> Deserialize<'de> for Samples {
         #[serde(untagged)]
         enum Raw {
             Count(u64),
+            Share(f64),
             Name(String),
         }
         match Raw::deserialize(deserializer) {
             Ok(Raw::Count(count)) if count > 0 => Ok(Samples::Count(count as usize)),
+            Ok(Raw::Share(share)) => Ok(Samples::Share(share)),
             Ok(Raw::Name(name)) if name == "full" => Ok(Samples::Full),
-            _ => Err(serde::de::Error::custom("give a number of samples above 0, or \"full\"")),
+            _ => Err(serde::de::Error::custom(
+                "give a number of samples above 0, a share of the pixels such as 0.05, or \"full\"",
+            )),
         }
     }
 }
@@ -413,6 +436,10 @@ impl Config {
         range("view.fov_y", view.fov_y, 1.0, 175.0)?;
         range("view.exposure", view.exposure, -40.0, 40.0)?;
         self.foveation.law.validate()?;
+        if let Samples::Share(share) = self.foveation.samples {
+            budget::check_share("foveation.samples", share)?;
+        }
+        self.budget.check()?;
         whole("trace.rays", self.trace.rays, 1, 4096)?;
         whole("trace.bounces", self.trace.bounces, 0, 4)?;
         whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;

@@ -90,6 +90,8 @@ struct PatternKey {
     height: u32,
     fov: crate::math::view::FieldOfView,
     gaze: DVec2,
+    law: Law,
+    samples: Samples,
 }
 
 impl Renderer {
@@ -219,14 +221,21 @@ impl Renderer {
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
     fn prepare_view(&mut self, index: usize, view: &View, gaze: DVec2) -> Result<f64> {
-        let key = PatternKey { width: view.width, height: view.height, fov: view.fov, gaze };
+        let key = PatternKey {
+            width: view.width,
+            height: view.height,
+            fov: view.fov,
+            gaze,
+            law: self.law,
+            samples: self.samples,
+        };
         if self.views.get(index).is_some_and(|traced| traced.key == key) {
             return Ok(0.0);
         }
         let start = Instant::now();
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            Samples::Count(count) => (self.law, count),
+            samples => (self.law, samples.of(view.pixels())),
         };
         let pattern = match self.lenses.get(index) {
             Some(lens) => Pattern::through(view, &law, gaze, count, lens),
@@ -305,6 +314,22 @@ impl Renderer {
     /// The tracing device.
     pub fn tracer(&self) -> &Tracer {
         &self.tracer
+    }
+
+    /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside
+    /// a new pattern, the reconstruction's with new shaders. Scene, environment and exposure stay.
+    ///
+    /// # Errors
+    /// Where the reconstruction's settings cannot be used.
+    pub fn apply(&mut self, config: &Config) -> Result<()> {
+        let reconstruction = reconstruction_settings(config);
+        if *self.reconstruction.settings() != reconstruction {
+            self.reconstruction = Reconstruction::new(&self.context, reconstruction)?;
+            self.views.clear();
+        }
+        self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
+        (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
+        Ok(())
     }
 
     /// Camera rays go through random points of their pixels from now on, or through their centres.
