@@ -34,6 +34,8 @@ pub struct Config {
     pub budget: BudgetConfig,
     /// Which devices are used.
     pub devices: DevicesConfig,
+    /// The Rift DK1.
+    pub dk1: Dk1Config,
 }
 
 /// The picture: size, camera, stereo, exposure.
@@ -136,6 +138,8 @@ pub struct TraceConfig {
     pub rays: u32,
     /// Further bounces of light.
     pub bounces: u32,
+    /// More camera rays in each pixel where guided reconstruction finds an edge; 0 leaves edges jagged.
+    pub edge_rays: u32,
     /// Seed of the random numbers: the same picture for the same seed on the same device.
     pub seed: u32,
 }
@@ -202,6 +206,20 @@ pub struct DevicesConfig {
     pub vulkan: String,
 }
 
+/// The Rift DK1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dk1Config {
+    /// Pixels of the undistorted pictures for one of the panel's at the lenses' centres.
+    pub resolution: f64,
+}
+
+impl Default for Dk1Config {
+    fn default() -> Self {
+        Dk1Config { resolution: 1.0 }
+    }
+}
+
 impl Default for ViewConfig {
     fn default() -> Self {
         ViewConfig { width: 1280, height: 800, stereo: Stereo::Mono, ipd: 0.064, fov_y: 70.0, exposure: 0.0 }
@@ -216,7 +234,7 @@ impl Default for FoveationConfig {
 
 impl Default for TraceConfig {
     fn default() -> Self {
-        TraceConfig { rays: 32, bounces: 0, seed: 0 }
+        TraceConfig { rays: 32, bounces: 0, edge_rays: 2, seed: 0 }
     }
 }
 
@@ -446,12 +464,14 @@ impl Config {
         self.budget.check()?;
         whole("trace.rays", self.trace.rays, 1, 4096)?;
         whole("trace.bounces", self.trace.bounces, 0, 4)?;
+        whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;
         whole("reconstruction.k", self.reconstruction.k, 1, 16)?;
         let environment = &self.environment;
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;
         range("environment.sun_azimuth", f64::from(environment.sun_azimuth), -360.0, 360.0)?;
-        range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)
+        range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)?;
+        range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)
     }
 
     /// Memory for pixels is reserved before anything is traced, so absurd numbers are refused first.

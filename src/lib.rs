@@ -19,6 +19,7 @@ pub mod reference;
 pub mod gpu;
 
 pub mod reconstruct;
+pub mod speed;
 pub mod trace;
 
 pub mod headset;

@@ -1,5 +1,6 @@
 //! The command line: arguments to a configuration, and one command.
 
+mod bench;
 mod demo;
 mod devices;
 mod machine;
@@ -10,6 +11,7 @@ mod output;
 mod render;
 mod scene;
 pub mod tracker;
+mod window;
 
 use clap::{Parser, Subcommand};
 
@@ -25,6 +27,8 @@ pub struct Cli {
 
 const EXAMPLES: &str = "Examples:
   foveate demo                                       the demo scene, in the best headset there is
+  foveate demo --window                              the same in a window; mouse and WASD move the head
+  foveate demo --headset dk1                         the same on a Rift DK1
   foveate render scene.glb --out picture.png         one foveated picture
   foveate render scene.glb --out all.exr --samples full --rays 256
   foveate mock scene.glb --frames 60 --out frames/   a mock headset that follows a script
@@ -48,6 +52,8 @@ enum Command {
     Scene(scene::Args),
     /// Watch, record or replay a Rift DK1's head tracker.
     Tracker(tracker::Args),
+    /// Measure how fast a scene's rays are traced on each OpenCL device.
+    Bench(bench::Args),
     /// List what OpenCL and Vulkan offer here, what is used, and why not the rest.
     Devices(devices::Args),
 }
@@ -65,6 +71,7 @@ impl Cli {
             Command::Demo(args) => demo::run(&args),
             Command::Scene(args) => scene::run(&args),
             Command::Tracker(args) => tracker::run(&args),
+            Command::Bench(args) => bench::run(&args),
             Command::Devices(args) => devices::run(&args),
         }
     }

@@ -8,10 +8,10 @@ use super::load::{Loaded, Step, timed};
 use super::stereo::Plan;
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
-use crate::foveation::{Law, Pattern};
+use crate::foveation::{Law, Lens, Pattern};
 use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
-use crate::gpu::vulkan::{Context, Format, Image};
+use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
@@ -64,6 +64,7 @@ pub struct Renderer {
     context: Context,
     sharing: Sharing,
     law: Law,
+    lenses: Vec<Lens>,
     samples: Samples,
     settings: trace::Settings,
     exposure: f32,
@@ -135,6 +136,7 @@ impl Renderer {
             context: context.clone(),
             sharing,
             law: config.foveation.law,
+            lenses: Vec::new(),
             samples: config.foveation.samples,
             settings: trace_settings(config),
             exposure: config.view.exposure as f32,
@@ -235,7 +237,10 @@ impl Renderer {
             Samples::Full => (Law::Full, view.pixels()),
             samples => (self.law, samples.of(view.pixels())),
         };
-        let pattern = Pattern::new(view, &law, gaze, count);
+        let pattern = match self.lenses.get(index) {
+            Some(lens) => Pattern::through(view, &law, gaze, count, lens),
+            None => Pattern::new(view, &law, gaze, count),
+        };
         self.take_pattern(index, key, &pattern)?;
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
         self.reconstruction.wait_pattern(index)?;
@@ -289,6 +294,18 @@ impl Renderer {
         self.image.as_ref().map_or(Ok(Vec::new()), Image::read)
     }
 
+    /// The last frame's picture where it was drawn, sRGB encoded with [`Output::Display`]; none before the
+    /// first frame.
+    pub fn target(&self) -> Option<&Target> {
+        self.image.as_ref().map(Image::target)
+    }
+
+    /// Views are seen through these lenses, one for each of them in their order, from the first frame on:
+    /// see [`Pattern::through`].
+    pub fn with_lenses(self, lenses: Vec<Lens>) -> Self {
+        Renderer { lenses, ..self }
+    }
+
     /// How samples get from OpenCL to Vulkan.
     pub fn sharing(&self) -> Sharing {
         self.sharing
@@ -325,6 +342,7 @@ fn trace_settings(config: &Config) -> trace::Settings {
     trace::Settings {
         rays: config.trace.rays,
         bounces: config.trace.bounces,
+        edge_rays: config.trace.edge_rays,
         guided: config.reconstruction.method == Method::Guided,
         seed: config.trace.seed,
         jitter: false,
