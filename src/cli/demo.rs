@@ -7,7 +7,7 @@ use super::mock::{Session, check_out, fitted, stereo_defaults};
 use super::options::ConfigOptions;
 use super::output;
 use super::window::Show;
-use crate::config::{Config, Layers, Samples};
+use crate::config::{Config, Layers, Samples, TargetMs};
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
@@ -64,6 +64,10 @@ pub fn run(args: &Args) -> Result<()> {
     // Two eyes share the usual number of samples.
     if let Samples::Count(count) = &mut defaults.foveation.samples {
         *count /= 2;
+    }
+    if args.headset.is_some() {
+        // A head in a display should not wait for it.
+        defaults.budget.target_ms = TargetMs::Display;
     }
     let config = args.options.layers(Layers::over(defaults))?.finish()?;
     if args.window || args.headset.is_some() {

@@ -16,6 +16,7 @@ use super::output::{self, RenderSummary};
 use super::tracker::default_memory;
 use crate::config::{Config, Stereo};
 use crate::error::{Error, Result};
+use crate::frame::budget::{self, Controller};
 use crate::frame::{FrameReport, Output, Plan, Renderer, Step};
 use crate::headset::mock::Profile;
 use crate::headset::panel::{Moment, Panel, Shot, Wanted, Warp};
@@ -88,6 +89,7 @@ impl Show<'_> {
             Renderer::new(&machine.device, &machine.context, &loaded, self.config, Output::Display)?;
         let rest = default_viewpoint(&loaded.scene, self.config.view.fov_y).world_from_eye;
         let mut session = Session::new(self.config, display, tracker, renderer, rest);
+        session.hold()?;
         // Drivers finish building kernels at their first launch: one frame that does not count.
         session.warm_up()?;
         let shown = panel.run(&machine.context, &session.wanted(self.frames), &stop, &mut |moment| {
@@ -155,6 +157,8 @@ struct Session<'a> {
     display: Display,
     tracker: Option<Tracker>,
     renderer: Renderer,
+    /// Holds the frame time, where one is asked for.
+    controller: Option<Controller>,
     /// The direction ahead, about the vertical.
     heading: DQuat,
     walker: Walker,
@@ -191,6 +195,7 @@ impl<'a> Session<'a> {
             display,
             tracker,
             renderer,
+            controller: None,
             heading,
             facing: heading * walker.orientation(),
             walker,
@@ -220,6 +225,12 @@ impl<'a> Session<'a> {
         Wanted { title: "foveate".to_string(), size, on_headset, frames }
     }
 
+    /// Has the frame time held that the settings ask for.
+    fn hold(&mut self) -> Result<()> {
+        self.controller = budget::controller(self.config, Some(1e3 / self.profile().refresh_hz))?;
+        Ok(())
+    }
+
     fn warm_up(&mut self) -> Result<()> {
         let plan = self.plan(self.head())?;
         self.renderer.frame(&plan, &[], self.seed).map(drop)
@@ -243,7 +254,13 @@ impl<'a> Session<'a> {
         self.look(moment);
         let plan = self.plan(self.head())?;
         self.seed = self.seed.wrapping_add(1);
+        if let Some(controller) = &self.controller {
+            self.renderer.apply(&controller.config(self.config))?;
+        }
         let report = self.renderer.frame(&plan, &[], self.seed)?;
+        if let Some(controller) = &mut self.controller {
+            controller.observe(report.frame_ms, report.pattern_ms);
+        }
         keep(&mut self.reports, report);
         if moment.since_last > 0.0 {
             keep(&mut self.periods, moment.since_last);

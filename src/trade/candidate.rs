@@ -85,6 +85,10 @@ pub fn candidates(base: &Config, effort: Effort) -> Vec<Candidate> {
     for (name, weights) in [("gaussian", WeightsConfig::Gaussian), ("inverse", WeightsConfig::Inverse)] {
         add(format!("weights {name}"), "weights", &|c| c.reconstruction.weights = weights);
     }
+    let edges: &[u32] = if effort == Effort::Quick { &[0] } else { &[0, 1, 2, 4, 8] };
+    for &rays in edges {
+        add(format!("edge rays {rays}"), "edge rays", &|c| c.trace.edge_rays = rays);
+    }
     for (name, stereo) in [("shared", Stereo::Shared), ("per-eye", Stereo::PerEye)] {
         if base.view.stereo != Stereo::Mono {
             add(format!("stereo {name}"), "stereo", &|c| c.view.stereo = stereo);

@@ -282,7 +282,8 @@ impl Bench<'_> {
                 let pixels = eye[0].pixels();
                 let point = OperatingPoint::of(config, pixels, frame_ms.max(1e-3), found.foveated_score);
                 let competes = candidate.axis != super::candidate::RIVAL
-                    && config.view.stereo == self.subject.config.view.stereo;
+                    && config.view.stereo == self.subject.config.view.stereo
+                    && config.trace.edge_rays == self.subject.config.trace.edge_rays;
                 (effective(config), competes.then_some(point))
             }
             Means::Zones { rays } => (serde_json::json!({ "zones": { "rays": rays } }), None),
