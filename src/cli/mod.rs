@@ -7,6 +7,7 @@ mod mock;
 mod options;
 mod output;
 mod render;
+mod run;
 mod scene;
 pub mod tracker;
 
@@ -26,6 +27,7 @@ const EXAMPLES: &str = "Examples:
   foveate demo                                       the demo scene, in the best headset there is
   foveate render scene.glb --out picture.png         one foveated picture
   foveate render scene.glb --out all.exr --samples full --rays 256
+  foveate run scene.glb                              in a headset, through OpenXR
   foveate mock scene.glb --frames 60 --out frames/   a mock headset that follows a script
   foveate devices                                    what this machine offers, and what is used
 
@@ -36,6 +38,8 @@ and flags win over both.";
 enum Command {
     /// Render one picture of a scene: .png for a display, .exr for linear radiance.
     Render(render::Args),
+    /// Show a scene in the headset of the active OpenXR runtime, such as SteamVR or Monado.
+    Run(run::Args),
     /// Render a mock headset's frames along a scripted head and gaze path.
     Mock(mock::Args),
     /// Show the demo scene in the best headset there is; a mock one where there is none.
@@ -56,6 +60,7 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Render(args) => render::run(&args),
+            Command::Run(args) => run::run(&args),
             Command::Mock(args) => mock::run(&args),
             Command::Demo(args) => demo::run(&args),
             Command::Scene(args) => scene::run(&args),

@@ -88,13 +88,19 @@ pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded
         rayon::join(|| Machine::open(&config.devices), || Loaded::from_file(scene, config));
     // What is wrong with the scene comes first: it is the likelier mistake.
     let loaded = loaded?;
-    if loaded.scene.mesh.triangles.is_empty() {
-        return Err(Error::Scene {
-            path: scene.to_path_buf(),
-            problem: "it has no triangles to show; check its export".into(),
-        });
-    }
+    require_triangles(scene, &loaded)?;
     Ok((machine?, loaded))
+}
+
+/// Refuses a scene without anything to show.
+pub fn require_triangles(scene: &std::path::Path, loaded: &Loaded) -> Result<()> {
+    if !loaded.scene.mesh.triangles.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Scene {
+        path: scene.to_path_buf(),
+        problem: "it has no triangles to show; check its export".into(),
+    })
 }
 
 fn file_kind(path: &std::path::Path) -> Result<FileKind> {

@@ -1,4 +1,5 @@
 //! What a frame is shown on, and where poses and gazes come from.
 
 pub mod mock;
+pub mod openxr;
 pub mod rift_dk1;
