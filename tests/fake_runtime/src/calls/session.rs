@@ -136,7 +136,11 @@ pub(crate) fn end(session: xr::Session) -> xr::Result {
 pub(crate) fn request_exit(session: xr::Session) -> xr::Result {
     enter("xrRequestExitSession", On::Session(session), |runtime, _| {
         let handle = session.into_raw();
-        let session = runtime.running(handle)?;
+        // A session may be asked before it runs; the answer is an error, but no rule is broken.
+        let session = runtime.session(handle)?;
+        if session.configuration.is_none() {
+            return Err(xr::Result::ERROR_SESSION_NOT_RUNNING.into());
+        }
         session.exit_requested = true;
         let way = session.state.way_to_stop();
         runtime.go(handle, way)?;
