@@ -34,7 +34,7 @@ bench: ## Measure a frame's cost and accuracy; ARGS="--scenes demo" passes argum
 
 lint: ## Check format and lints (needs the rustfmt and clippy components)
 	@$(need_cargo)
-	cargo fmt --check
+	cargo fmt --all --check
 	cargo clippy --all-targets -- -D warnings
 
 install-udev: ## Let this seat's user open the tracker of a Rift DK1
