@@ -40,7 +40,7 @@ trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few m
 
 lint: ## Check format and lints (needs the rustfmt and clippy components)
 	@$(need_cargo)
-	cargo fmt --check
+	cargo fmt --all --check
 	cargo clippy --all-targets -- -D warnings
 
 install-udev: ## Let this seat's user open the tracker of a Rift DK1

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::machine::choose;
 use super::options::{RenderOptions, eye_fov};
 use super::output;
-use crate::config::{Config, Samples};
+use crate::config::Config;
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::frame::Loaded;
@@ -90,10 +90,7 @@ pub fn run(args: &Args) -> Result<()> {
     let devices = open(&config)?;
     let loaded = super::render::load(&args.scene, &config)?;
     let view = view(args, &config, &loaded)?;
-    let count = match config.foveation.samples {
-        Samples::Full => view.pixels(),
-        Samples::Count(count) => count,
-    };
+    let count = config.foveation.samples.of(view.pixels());
     let gaze = args.options.gaze().unwrap_or(glam::DVec2::splat(0.5));
     let pattern = Pattern::new(&view, &config.foveation.law, gaze, count);
     let build_ms = loaded.steps.iter().find(|step| step.name == "bvh").map_or(0.0, |step| step.ms);

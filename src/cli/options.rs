@@ -176,6 +176,17 @@ impl RenderOptions {
         Ok((pose, fov_y))
     }
 
+    /// Pixels across and down where flags or settings give them.
+    pub fn given_size(&self) -> Result<[Option<u32>; 2]> {
+        let layers = self.config.layers(Layers::default())?;
+        let config = self.config()?;
+        let given = |flag: Option<u32>, key, value| (flag.is_some() || layers.gives(key)).then_some(value);
+        Ok([
+            given(self.width, "view.width", config.view.width),
+            given(self.height, "view.height", config.view.height),
+        ])
+    }
+
     /// `--fov-y` in radians.
     pub fn fov_y(&self) -> Option<f64> {
         self.fov_y.map(f64::to_radians)

@@ -8,5 +8,5 @@ pub mod pipeline;
 pub mod stereo;
 
 pub use load::{Loaded, Step};
-pub use pipeline::{FrameReport, Output, Renderer, StageMs};
+pub use pipeline::{FrameReport, Output, Renderer, Shot, StageMs};
 pub use stereo::{Cut, Plan};
