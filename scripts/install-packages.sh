@@ -2,16 +2,19 @@
 # Installs the system packages that foveate needs on Debian and Ubuntu:
 #   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe), and keyboards of windows
 #   scripts/install-packages.sh test    the same, and what the tests start
+#   scripts/install-packages.sh hid     the virtual machine of scripts/test-hid.sh
 # Does nothing when all of them are there; uses sudo where it is not run by root.
 set -euo pipefail
 
 demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
 test=("${demo[@]}" vulkan-validationlayers xvfb)
+hid=(qemu-system-x86 binutils xz-utils)
 
 case "${1:-demo}" in
   demo) wanted=("${demo[@]}") ;;
   test) wanted=("${test[@]}") ;;
-  *) echo "usage: $0 [demo|test]" >&2; exit 2 ;;
+  hid) wanted=("${hid[@]}") ;;
+  *) echo "usage: $0 [demo|test|hid]" >&2; exit 2 ;;
 esac
 
 installed() { dpkg-query -W -f '${db:Status-Status}' "$1" 2>/dev/null | grep -qx installed; }
