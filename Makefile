@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench lint install-udev
+.PHONY: help demo test test-hid bench lint install-udev
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -26,6 +26,10 @@ test: ## Install what the tests need and run all of them; ARGS="--test foveation
 	@$(need_cargo)
 	scripts/install-packages.sh test
 	scripts/run-tests.sh $(ARGS)
+
+test-hid: ## Read a virtual Rift DK1 in a real kernel (QEMU; Debian)
+	@$(need_cargo)
+	scripts/test-hid.sh
 
 bench: ## Measure a frame's cost and accuracy; ARGS="--scenes demo" passes arguments on
 	@$(need_cargo)
