@@ -167,7 +167,10 @@ fn compete(
     ways.truncate(2);
     let (mut own, mut theirs, mut other) = (Vec::new(), vec![Vec::new(); ways.len()], Vec::new());
     for _ in 0..repetitions {
-        own.push(rays / cpu_ms(|| drop(probe.trace(kind).expect("a trace"))));
+        let run = || {
+            probe.trace(kind).expect("a trace");
+        };
+        own.push(rays / cpu_ms(run));
         for ((_, peer, way), rates) in ways.iter().zip(&mut theirs) {
             let run = peers[*peer].trace(way);
             assert!(run.wrong * 10_000 <= probe.rays(kind), "{way:?} differs in {} rays", run.wrong);

@@ -239,8 +239,8 @@ mod tests {
             cache.find_or(positions, triangles, || WideBvh::build(positions, triangles)).1
         };
         assert!(!ask(&cache, 0) && !ask(&cache, 1));
-        let bytes = |folder: &Path| files(folder).iter().map(|f| fs::metadata(f).unwrap().len()).sum::<u64>();
-        cache.most_bytes = bytes(folder.path());
+        let sizes = files(folder.path()).into_iter().map(|file| fs::metadata(file).unwrap().len());
+        cache.most_bytes = sizes.sum();
         assert!(ask(&cache, 0), "used again: now the other is the oldest");
         assert!(!ask(&cache, 2));
         assert_eq!(files(folder.path()).len(), 2);
