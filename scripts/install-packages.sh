@@ -1,13 +1,16 @@
 #!/usr/bin/env bash
 # Installs the system packages that foveate needs on Debian and Ubuntu:
-#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe)
+#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe), and keyboards of windows
 #   scripts/install-packages.sh test    the same, and what the tests start
 #   scripts/install-packages.sh bench   the same as demo, and what benchmarks compare with (Embree 4, a C++ compiler)
 # Does nothing when all of them are there; uses sudo where it is not run by root.
 set -euo pipefail
 
-demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1)
-test=("${demo[@]}" vulkan-validationlayers)
+demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
+test=("${demo[@]}" vulkan-validationlayers xvfb)
+# The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.
+{ . /etc/os-release; } 2>/dev/null || true
+[[ "${ID:-}" == ubuntu ]] || test+=(chromium)
 bench=("${demo[@]}" libembree-dev g++)
 
 case "${1:-demo}" in
@@ -77,4 +80,11 @@ if [[ $old_debian == yes && ! -e $pin ]]; then
 fi
 [[ $old_debian == yes ]] && suite=(-t trixie)
 as_root apt-get update -qq
-as_root apt-get install -y -qq --no-install-recommends "${suite[@]}" "${missing[@]}" >/dev/null
+install() { as_root apt-get install -y -qq --no-install-recommends "$@" >/dev/null; }
+drivers=() browser=()
+for package in "${missing[@]}"; do
+  if [[ $package == chromium ]]; then browser+=("$package"); else drivers+=("$package"); fi
+done
+# The browser comes from the machine's own release, so that it brings no newer libraries along.
+[[ ${#drivers[@]} -eq 0 ]] || install "${suite[@]}" "${drivers[@]}"
+[[ ${#browser[@]} -eq 0 ]] || install "${browser[@]}"

@@ -28,6 +28,8 @@ pub mod frame;
 
 pub mod measure;
 
+pub mod trade;
+
 pub mod cli;
 
 pub use error::{Error, Result};

@@ -8,10 +8,10 @@ use super::load::{Loaded, Step, timed};
 use super::stereo::Plan;
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
-use crate::foveation::{Law, Pattern};
+use crate::foveation::{Law, Lens, Pattern};
 use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
-use crate::gpu::vulkan::{Context, Format, Image};
+use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
@@ -64,6 +64,7 @@ pub struct Renderer {
     context: Context,
     sharing: Sharing,
     law: Law,
+    lenses: Vec<Lens>,
     samples: Samples,
     settings: trace::Settings,
     exposure: f32,
@@ -89,6 +90,8 @@ struct PatternKey {
     height: u32,
     fov: crate::math::view::FieldOfView,
     gaze: DVec2,
+    law: Law,
+    samples: Samples,
 }
 
 impl Renderer {
@@ -133,6 +136,7 @@ impl Renderer {
             context: context.clone(),
             sharing,
             law: config.foveation.law,
+            lenses: Vec::new(),
             samples: config.foveation.samples,
             settings: trace_settings(config),
             exposure: config.view.exposure as f32,
@@ -217,16 +221,26 @@ impl Renderer {
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
     fn prepare_view(&mut self, index: usize, view: &View, gaze: DVec2) -> Result<f64> {
-        let key = PatternKey { width: view.width, height: view.height, fov: view.fov, gaze };
+        let key = PatternKey {
+            width: view.width,
+            height: view.height,
+            fov: view.fov,
+            gaze,
+            law: self.law,
+            samples: self.samples,
+        };
         if self.views.get(index).is_some_and(|traced| traced.key == key) {
             return Ok(0.0);
         }
         let start = Instant::now();
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            Samples::Count(count) => (self.law, count),
+            samples => (self.law, samples.of(view.pixels())),
         };
-        let pattern = Pattern::new(view, &law, gaze, count);
+        let pattern = match self.lenses.get(index) {
+            Some(lens) => Pattern::through(view, &law, gaze, count, lens),
+            None => Pattern::new(view, &law, gaze, count),
+        };
         self.take_pattern(index, key, &pattern)?;
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
         self.reconstruction.wait_pattern(index)?;
@@ -280,6 +294,18 @@ impl Renderer {
         self.image.as_ref().map_or(Ok(Vec::new()), Image::read)
     }
 
+    /// The last frame's picture where it was drawn, sRGB encoded with [`Output::Display`]; none before the
+    /// first frame.
+    pub fn target(&self) -> Option<&Target> {
+        self.image.as_ref().map(Image::target)
+    }
+
+    /// Views are seen through these lenses, one for each of them in their order, from the first frame on:
+    /// see [`Pattern::through`].
+    pub fn with_lenses(self, lenses: Vec<Lens>) -> Self {
+        Renderer { lenses, ..self }
+    }
+
     /// How samples get from OpenCL to Vulkan.
     pub fn sharing(&self) -> Sharing {
         self.sharing
@@ -288,6 +314,22 @@ impl Renderer {
     /// The tracing device.
     pub fn tracer(&self) -> &Tracer {
         &self.tracer
+    }
+
+    /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside
+    /// a new pattern, the reconstruction's with new shaders. Scene, environment and exposure stay.
+    ///
+    /// # Errors
+    /// Where the reconstruction's settings cannot be used.
+    pub fn apply(&mut self, config: &Config) -> Result<()> {
+        let reconstruction = reconstruction_settings(config);
+        if *self.reconstruction.settings() != reconstruction {
+            self.reconstruction = Reconstruction::new(&self.context, reconstruction)?;
+            self.views.clear();
+        }
+        self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
+        (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
+        Ok(())
     }
 
     /// Camera rays go through random points of their pixels from now on, or through their centres.
@@ -300,6 +342,7 @@ fn trace_settings(config: &Config) -> trace::Settings {
     trace::Settings {
         rays: config.trace.rays,
         bounces: config.trace.bounces,
+        edge_rays: config.trace.edge_rays,
         guided: config.reconstruction.method == Method::Guided,
         seed: config.trace.seed,
         jitter: false,

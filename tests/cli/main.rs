@@ -4,6 +4,7 @@
 mod common;
 
 mod bench;
+mod measure;
 mod mock;
 mod refusals;
 mod render;
