@@ -2,9 +2,9 @@
 
 use openxr_sys::{self as xr, Handle};
 
-use super::action::EYE_PROFILE;
 use crate::abi::{In, Out};
 use crate::objects::Action;
+use crate::profiles;
 use crate::refusal::{Refusal, wrong};
 use crate::runtime::{On, Runtime, enter, now};
 use crate::script::within;
@@ -150,7 +150,7 @@ impl Runtime {
         if !synced {
             return Ok(None);
         }
-        if !self.bound(&action, EYE_PROFILE, hand)?.is_empty() {
+        if !self.bound(&action, profiles::EYES, hand)?.is_empty() {
             return Ok(world::gaze(&self.script.gaze, frame).filter(|_| self.script.eye_tracker));
         }
         let Some(profile) = self.script.profile.clone() else { return Ok(None) };
