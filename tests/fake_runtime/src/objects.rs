@@ -38,6 +38,8 @@ pub(crate) struct Session {
     pub last_display: i64,
     pub action_sets: Option<BTreeSet<u64>>,
     pub synced: BTreeSet<u64>,
+    /// The frames of the last xrSyncActions but one, and of the last.
+    pub sync_frames: (u64, u64),
     /// By view, where an event has changed it.
     pub hidden_corners: BTreeMap<u32, f32>,
     pub refresh_rate: f32,

@@ -15,7 +15,24 @@ const POSES: [&str; 3] = ["input/grip/pose", "input/aim/pose", "output/haptic"];
 pub(crate) const EYES: &str = "/interaction_profiles/ext/eye_gaze_interaction";
 const GAZE: &str = "/user/eyes_ext/input/gaze_ext/pose";
 
-const PROFILES: [Profile; 5] = [
+const PROFILES: [Profile; 6] = [
+    Profile {
+        name: "bytedance/pico4_controller",
+        both: &[
+            "system/click",
+            "squeeze/click",
+            "squeeze/value",
+            "trigger/value",
+            "trigger/touch",
+            "thumbstick",
+            "thumbstick/x",
+            "thumbstick/y",
+            "thumbstick/click",
+            "thumbstick/touch",
+        ],
+        left: &["x/click", "x/touch", "y/click", "y/touch", "menu/click"],
+        right: &["a/click", "a/touch", "b/click", "b/touch"],
+    },
     Profile { name: "khr/simple_controller", both: &["select/click", "menu/click"], left: &[], right: &[] },
     Profile {
         name: "htc/vive_controller",
@@ -99,13 +116,22 @@ const PROFILES: [Profile; 5] = [
     },
 ];
 
+fn find(profile: &str) -> Option<&'static Profile> {
+    let name = profile.strip_prefix("/interaction_profiles/")?;
+    PROFILES.iter().find(|known| known.name == name)
+}
+
+/// Whether the runtime knows a profile, which it need not.
+pub(crate) fn known(profile: &str) -> bool {
+    profile == EYES || find(profile).is_some()
+}
+
 /// Whether a profile has a path. A path that stops before its last part stands for the whole component.
 pub(crate) fn has(profile: &str, path: &str) -> bool {
     if profile == EYES {
         return path == GAZE;
     }
-    let name = profile.strip_prefix("/interaction_profiles/");
-    let Some(known) = PROFILES.iter().find(|known| Some(known.name) == name) else { return false };
+    let Some(known) = find(profile) else { return false };
     let (side, rest) = match path.strip_prefix("/user/hand/").and_then(|path| path.split_once('/')) {
         Some(("left", rest)) => (known.left, rest),
         Some(("right", rest)) => (known.right, rest),
@@ -139,6 +165,7 @@ mod tests {
         assert!(!has(touch, "/user/eyes_ext/input/gaze_ext/pose") && has(EYES, GAZE));
         assert!(has("/interaction_profiles/khr/simple_controller", "/user/hand/left/input/select"));
         assert!(!has("/interaction_profiles/khr/simple_controller", "/user/hand/left/input/sel"));
+        assert!(known(EYES) && known(touch) && !known("/interaction_profiles/of/nobody"));
         assert!(!has("/interaction_profiles/of/nobody", "/user/hand/left/input/select/click"));
     }
 }

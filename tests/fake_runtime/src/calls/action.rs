@@ -70,6 +70,9 @@ pub(crate) fn suggest(
         if profile == profiles::EYES {
             runtime.needs("XR_EXT_eye_gaze_interaction")?;
         }
+        if !profiles::known(&profile) {
+            return Err(xr::Result::ERROR_PATH_UNSUPPORTED.into());
+        }
         if nested::bindings(info).is_empty() {
             return Err(invalid(format!("{profile} without bindings")));
         }
@@ -139,6 +142,7 @@ pub(crate) fn sync(session: xr::Session, info: In<xr::ActionsSyncInfo>) -> xr::R
             return Ok(xr::Result::SESSION_NOT_FOCUSED);
         }
         session.synced = sets;
+        session.sync_frames = (session.sync_frames.1, session.latest.number);
         DONE
     })
 }

@@ -73,6 +73,7 @@ pub(crate) fn create(
             last_display: 0,
             action_sets: None,
             synced: BTreeSet::new(),
+            sync_frames: (0, 0),
             hidden_corners: BTreeMap::new(),
             refresh_rate: (1000.0 / runtime.script.period_ms) as f32,
         };
