@@ -1,4 +1,4 @@
-//! `foveate demo`: the demo scene in the best headset there is.
+//! `foveate demo`: the demo scene in the best headset there is: OpenXR's, or a mock one.
 
 use std::path::PathBuf;
 
@@ -6,10 +6,12 @@ use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
 use super::options::ConfigOptions;
 use super::output;
-use crate::config::{Layers, Samples};
+use super::run::{Presentation, stop_signal};
+use crate::config::{Config, Layers, Samples};
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
+use crate::headset::openxr::Runtime;
 use crate::scene::{default_viewpoint, generate};
 
 /// Arguments of `foveate demo`.
@@ -37,6 +39,9 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let config = args.options.layers(Layers::over(defaults))?.finish()?;
     check_out(&args.out)?;
+    if let Ok(runtime) = Runtime::connect(config.headset.insets) {
+        return in_headset(args, &config, runtime);
+    }
     let (machine, loaded) = rayon::join(
         || Machine::open(&config.devices),
         || Loaded::from_glb("the demo scene", &generate::demo::generate(), &config),
@@ -54,4 +59,23 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;
     session.run(frames, SCRIPT_SECONDS)?.print(args.options.json)
+}
+
+/// The same scene in a headset, until the wearer or the operator has seen enough.
+fn in_headset(args: &Args, config: &Config, runtime: Runtime) -> Result<()> {
+    let stop = stop_signal()?;
+    let loaded = Loaded::from_glb("the demo scene", &generate::demo::generate(), config)?;
+    output::print_warnings(&loaded.warnings);
+    let presentation = Presentation {
+        config,
+        loaded: &loaded,
+        rest: default_viewpoint(&loaded.scene, config.view.fov_y).world_from_eye,
+        gaze: None,
+        fov_y: None,
+        size: [None; 2],
+        frames: None,
+        quiet: args.options.json,
+        stop,
+    };
+    presentation.run(runtime)?.print(args.options.json)
 }
