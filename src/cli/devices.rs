@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::gpu::interop;
 use crate::gpu::opencl::{Device, DeviceInfo, device};
 use crate::gpu::vulkan::{self, Context, ContextOptions};
+use crate::headset::openxr::Runtime;
 
 /// Arguments of `foveate devices`.
 #[derive(Debug, clap::Args)]
@@ -48,7 +49,7 @@ struct VulkanDevice {
 struct Presenter {
     name: &'static str,
     used: bool,
-    reason: &'static str,
+    reason: String,
 }
 
 /// Runs the command.
@@ -115,14 +116,17 @@ fn describe_vulkan(report: vulkan::DeviceReport, used: Option<&([u8; 16], String
     }
 }
 
+/// OpenXR's headset where one answers, else the mock one.
 fn presenters() -> Vec<Presenter> {
+    let runtime = Runtime::connect(true);
+    let used = runtime.is_ok();
+    let reason = match runtime {
+        Ok(runtime) => format!("{} has a headset", runtime.name()),
+        Err(fault) => fault.into_error().to_string(),
+    };
     vec![
-        Presenter { name: "mock headset", used: true, reason: "writes pictures; always there" },
-        Presenter {
-            name: "OpenXR",
-            used: false,
-            reason: "foveate run shows scenes in the runtime's headset",
-        },
+        Presenter { name: "OpenXR", used, reason },
+        Presenter { name: "mock headset", used: !used, reason: "writes pictures; always there".to_string() },
     ]
 }
 

@@ -14,6 +14,7 @@ use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
 use crate::scene::Sun;
@@ -194,21 +195,31 @@ impl Renderer {
                 .collect(),
         };
         let shots: Vec<Shot> = plan.views.iter().enumerate().map(shot).collect();
-        self.shoot(&shots, seed)
+        self.shoot(&shots, seed, &mut |_| None)
     }
 
     /// Renders one frame into targets made elsewhere, and waits until all pixels are written.
     ///
+    /// `late` is asked, once a shot's samples are traced, where its eye will be when the picture is seen:
+    /// then pixels are moved to where they are seen from there. It is not asked for views that are too
+    /// large for that.
+    ///
     /// # Errors
     /// Where a device fails.
-    pub fn shoot(&mut self, shots: &[Shot], seed: u32) -> Result<FrameReport> {
+    pub fn shoot(
+        &mut self,
+        shots: &[Shot],
+        seed: u32,
+        late: &mut dyn FnMut(usize) -> Option<Pose>,
+    ) -> Result<FrameReport> {
         let start = Instant::now();
         let mut report = FrameReport::default();
         for (index, shot) in shots.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, shot)?;
             self.trace(index, &shot.view, seed, &mut report)?;
             self.share(index, &mut report)?;
-            self.reconstruct(index, shot)?;
+            let shown_from = if self.reconstruction.can_warp(index) { late(index) } else { None };
+            self.reconstruct(index, shot, shown_from)?;
         }
         for index in 0..shots.len() {
             let stages = self.reconstruction.wait(index)?;
@@ -244,13 +255,14 @@ impl Renderer {
         Ok(())
     }
 
-    fn reconstruct(&mut self, index: usize, shot: &Shot) -> Result<()> {
+    fn reconstruct(&mut self, index: usize, shot: &Shot, shown_from: Option<Pose>) -> Result<()> {
         let traced = &self.views[index];
         let frame = Frame {
             view: &shot.view,
             samples: traced.samples.vulkan(),
             visibility: traced.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
+            shown_from,
             outputs: &shot.outputs,
         };
         self.reconstruction.submit(index, &frame)
