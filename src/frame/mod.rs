@@ -1,5 +1,6 @@
 //! A frame, from poses to pixels.
 
+pub mod balance;
 pub mod load;
 pub mod log;
 pub mod pipeline;
