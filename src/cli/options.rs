@@ -88,9 +88,10 @@ pub struct RenderOptions {
     /// Seed of the random numbers: the same one gives the same picture on the same device.
     #[arg(long, help_heading = "Tracing")]
     seed: Option<u32>,
-    /// OpenCL device that traces: its number in `foveate devices`, or a part of its name.
-    #[arg(long, value_name = "NAME", help_heading = "Tracing")]
-    device: Option<String>,
+    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
+    /// all that work by default.
+    #[arg(long, visible_alias = "device", value_name = "NAME,...", help_heading = "Tracing")]
+    devices: Option<String>,
 }
 
 impl RenderOptions {
@@ -135,7 +136,7 @@ impl RenderOptions {
             ("--rays", "trace.rays", whole(self.rays)),
             ("--bounces", "trace.bounces", whole(self.bounces)),
             ("--seed", "trace.seed", whole(self.seed)),
-            ("--device", "devices.opencl", text(&self.device)),
+            ("--devices", "devices.opencl", text(&self.devices)),
         ];
         Ok(flags.into_iter().filter_map(|(flag, key, value)| Some((flag, key, value?))).collect())
     }

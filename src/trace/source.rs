@@ -4,7 +4,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 17] = [
+const FILES: [&str; 19] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -17,11 +17,13 @@ const FILES: [&str; 17] = [
     include_str!("../../kernels/shared/light.h"),
     include_str!("../../kernels/shared/camera.h"),
     include_str!("../../kernels/shared/frustum.h"),
+    include_str!("../../kernels/shared/tiles.h"),
     include_str!("../../kernels/trace.cl"),
     include_str!("../../kernels/shared/beam.h"),
     include_str!("../../kernels/visibility.cl"),
     include_str!("../../kernels/sun.cl"),
     include_str!("../../kernels/shade.cl"),
+    include_str!("../../kernels/gather.cl"),
 ];
 
 /// The whole text.

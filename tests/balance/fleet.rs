@@ -1,6 +1,7 @@
 //! Frames of a made-up fleet, split by the balancer or by simpler rules.
 
-use foveate::frame::balance::{ALIGNMENT, Balancer, Observation, Part};
+use foveate::foveation::{ALIGNMENT, Part};
+use foveate::frame::balance::{Balancer, Observation};
 
 use crate::world::{Device, Eye, Random, World, ideal};
 

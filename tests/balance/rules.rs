@@ -1,6 +1,7 @@
 //! What holds whatever the balancer is told.
 
-use foveate::frame::balance::{ALIGNMENT, Balancer, Observation, Part, Slice, Workload};
+use foveate::foveation::{ALIGNMENT, Part, Workload};
+use foveate::frame::balance::{Balancer, Observation, Slice};
 use proptest::prelude::*;
 
 fn parts_cover(workload: &Workload, whole: &Part, parts: &[(usize, Part)]) -> Result<(), TestCaseError> {

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use foveate::foveation::{Law, Pattern};
-use foveate::frame::balance::{Observation, Part, Slice, Workload};
+use foveate::foveation::{Law, Part, Pattern, Workload};
+use foveate::frame::balance::{Observation, Slice};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use glam::DVec2;

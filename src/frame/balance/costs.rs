@@ -1,7 +1,7 @@
 //! What the places of a view cost.
 
 use super::Observation;
-use super::cut::{ALIGNMENT, Part, Workload};
+use crate::foveation::workload::{ALIGNMENT, Part, TILE_PIXELS, Workload};
 
 /// What a pixel's work costs beside a sample's, before any was measured.
 const PIXEL: f32 = 0.04;
@@ -181,6 +181,3 @@ impl CostMap {
         start + (inside.clamp(0.0, 1.0) * f64::from(end.saturating_sub(start))).round() as u32
     }
 }
-
-/// Pixels of a tile.
-const TILE_PIXELS: u32 = crate::foveation::pattern::TILE * crate::foveation::pattern::TILE;

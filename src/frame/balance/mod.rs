@@ -7,12 +7,12 @@
 //! where what pixels see has changed all over, everything is believed at once.
 
 mod costs;
-mod cut;
 
 use std::ops::Range;
 
 pub use costs::CostMap;
-pub use cut::{ALIGNMENT, Part, Workload};
+
+use crate::foveation::{Part, Workload};
 
 /// A time this far off (natural logarithm of the ratio) is an accident until it happens again.
 const ACCIDENT: f64 = 0.45;

@@ -2,11 +2,14 @@
 
 use std::ops::Range;
 
-use crate::foveation::Pattern;
+use super::pattern::{Pattern, TILE};
 
 /// Parts begin at multiples of this many samples: camera rays travel in streams of as many, and a stream
 /// is never torn, so that the picture does not depend on how it was split.
 pub const ALIGNMENT: u32 = 32;
+
+/// Pixels of a tile.
+pub const TILE_PIXELS: u32 = TILE * TILE;
 
 /// A part of a view.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
