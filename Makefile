@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench lint install-udev
+.PHONY: help demo test test-remote bench bench-fleet lint install-udev
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -27,10 +27,21 @@ test: ## Install what the tests need and run all of them; ARGS="--test foveation
 	scripts/install-packages.sh test
 	scripts/run-tests.sh $(ARGS)
 
+test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
+	@$(need_cargo)
+	scripts/install-packages.sh remote
+	cargo build
+	scripts/test-remote.sh
+
 bench: ## Measure a frame's cost and accuracy; ARGS="--scenes demo" passes arguments on
 	@$(need_cargo)
 	scripts/install-packages.sh demo
 	cargo bench --bench frame -- $(ARGS)
+
+bench-fleet: ## Measure what sharing frames costs and gains; ARGS="--frames 12" passes arguments on
+	@$(need_cargo)
+	scripts/install-packages.sh demo
+	cargo bench --bench fleet -- $(ARGS)
 
 lint: ## Check format and lints (needs the rustfmt and clippy components)
 	@$(need_cargo)

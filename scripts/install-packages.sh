@@ -2,16 +2,19 @@
 # Installs the system packages that foveate needs on Debian and Ubuntu:
 #   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe)
 #   scripts/install-packages.sh test    the same, and what the tests start
+#   scripts/install-packages.sh remote  the first, and what PoCL's network driver is built with
 # Does nothing when all of them are there; uses sudo where it is not run by root.
 set -euo pipefail
 
 demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1)
 test=("${demo[@]}" vulkan-validationlayers)
+remote=("${demo[@]}" cmake git g++ make pkg-config ocl-icd-dev ocl-icd-opencl-dev clinfo)
 
 case "${1:-demo}" in
   demo) wanted=("${demo[@]}") ;;
   test) wanted=("${test[@]}") ;;
-  *) echo "usage: $0 [demo|test]" >&2; exit 2 ;;
+  remote) wanted=("${remote[@]}") ;;
+  *) echo "usage: $0 [demo|test|remote]" >&2; exit 2 ;;
 esac
 
 installed() { dpkg-query -W -f '${db:Status-Status}' "$1" 2>/dev/null | grep -qx installed; }

@@ -20,6 +20,10 @@ pub struct ConfigOptions {
     /// One setting, such as trace.rays=16. May be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
+    /// all that work by default.
+    #[arg(long, visible_alias = "device", value_name = "NAME,...")]
+    devices: Option<String>,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
@@ -30,6 +34,9 @@ impl ConfigOptions {
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.config.iter().try_for_each(|path| layers.file(path))?;
         self.set.iter().try_for_each(|assignment| layers.assign(assignment))?;
+        if let Some(devices) = &self.devices {
+            layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
+        }
         Ok(layers)
     }
 }
@@ -88,10 +95,6 @@ pub struct RenderOptions {
     /// Seed of the random numbers: the same one gives the same picture on the same device.
     #[arg(long, help_heading = "Tracing")]
     seed: Option<u32>,
-    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
-    /// all that work by default.
-    #[arg(long, visible_alias = "device", value_name = "NAME,...", help_heading = "Tracing")]
-    devices: Option<String>,
 }
 
 impl RenderOptions {
@@ -136,7 +139,6 @@ impl RenderOptions {
             ("--rays", "trace.rays", whole(self.rays)),
             ("--bounces", "trace.bounces", whole(self.bounces)),
             ("--seed", "trace.seed", whole(self.seed)),
-            ("--devices", "devices.opencl", text(&self.devices)),
         ];
         Ok(flags.into_iter().filter_map(|(flag, key, value)| Some((flag, key, value?))).collect())
     }

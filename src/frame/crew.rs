@@ -1,12 +1,16 @@
 //! The devices that trace a frame's views, each its part.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::balance::{Balancer, Observation, Slice};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
 use crate::trace::{Done, Fleet, Job, State};
+
+/// How long a frame waits for a device to come back when none is left.
+const COMEBACK: Duration = Duration::from_secs(60);
 
 /// What a device did in a frame.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -74,11 +78,11 @@ impl Crew {
         let mut lost = Vec::new();
         loop {
             if parts.is_empty() {
-                let problem = self.fleet.take_notes().join("; ");
-                return Err(Error::NoDevice {
-                    kind: "OpenCL",
-                    problem: format!("none is left to trace with: {problem}"),
-                });
+                parts = self.wait_for_one(job)?;
+                // What was done before is done anew.
+                (report.devices, report.rays) = (vec![DeviceShare::default(); self.fleet.count()], 0);
+                lost.clear();
+                continue;
             }
             let round = self.fleet.trace(job, &parts, |done| job.landing.take(job, done));
             for (device, done) in round.done {
@@ -92,6 +96,19 @@ impl Crew {
         }
         self.balancer.observe(job.index, workload, &job.landing.seen(workload), &observed);
         Ok(report)
+    }
+
+    /// The whole view for a device that has come back, where all had left.
+    fn wait_for_one(&mut self, job: &Job) -> Result<Vec<(usize, Part)>> {
+        while self.fleet.wait(COMEBACK) {
+            self.know_present();
+            let parts = self.balancer.split(job.index, &job.workload);
+            if !parts.is_empty() {
+                return Ok(parts);
+            }
+        }
+        let problem = self.fleet.take_notes().join("; ");
+        Err(Error::NoDevice { kind: "OpenCL", problem: format!("none is left to trace with: {problem}") })
     }
 
     fn know_present(&mut self) {

@@ -89,7 +89,11 @@ impl Fleet {
     pub fn of_devices(devices: &[Device], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
         let opener = |(index, device): (usize, &Device)| {
             let (device, data) = (device.clone(), data.clone());
-            let name = device.info().name.clone();
+            let mut name = device.info().name.clone();
+            let twin = |other: &&Device| other.info().name == name;
+            if devices.iter().filter(twin).count() > 1 {
+                name += &format!(" (number {})", devices[..=index].iter().filter(twin).count());
+            }
             let open: Opener = Box::new(move |times| {
                 Ok(Box::new(match times {
                     0 => DeviceHand::new(&device, &data, direct && index == 0)?,
@@ -156,6 +160,18 @@ impl Fleet {
     /// What the operator should know of devices that have left or come back, once.
     pub fn take_notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
+    }
+
+    /// Waits until a device takes part, for so long at most; tells whether one does.
+    pub fn wait(&mut self, most: Duration) -> bool {
+        let deadline = Instant::now() + most;
+        while !self.members.iter().any(|m| m.state == State::Ready) {
+            match self.answers.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+                Ok((index, answer)) => drop(self.hear(index, answer)),
+                Err(_) => return false,
+            }
+        }
+        true
     }
 
     /// Hears of devices that have come back.

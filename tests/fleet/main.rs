@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod hands;
+mod slow;
 
 use std::sync::Arc;
 
@@ -17,7 +18,8 @@ use foveate::scene::generate::voxel_town;
 use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData};
 use glam::{DVec2, DVec3};
 
-use hands::{Failing, Fault, Slow};
+use hands::{Failing, Fault};
+use slow::Slow;
 
 const WIDTH: u32 = 200;
 const HEIGHT: u32 = 120;
