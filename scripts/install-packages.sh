@@ -1,20 +1,26 @@
 #!/usr/bin/env bash
 # Installs the system packages that foveate needs on Debian and Ubuntu:
-#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe)
+#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe), and keyboards of windows
 #   scripts/install-packages.sh test    the same, and what the tests start
-#   scripts/install-packages.sh remote  the first, and what PoCL's network driver is built with
+#   scripts/install-packages.sh bench   the same as demo, and what benchmarks compare with (Embree 4, a C++ compiler)
+#   scripts/install-packages.sh remote  the same as demo, and what PoCL's network driver is built with
 # Does nothing when all of them are there; uses sudo where it is not run by root.
 set -euo pipefail
 
-demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1)
-test=("${demo[@]}" vulkan-validationlayers)
+demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
+test=("${demo[@]}" vulkan-validationlayers xvfb)
+# The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.
+{ . /etc/os-release; } 2>/dev/null || true
+[[ "${ID:-}" == ubuntu ]] || test+=(chromium)
+bench=("${demo[@]}" libembree-dev g++)
 remote=("${demo[@]}" cmake git g++ make pkg-config ocl-icd-dev ocl-icd-opencl-dev clinfo)
 
 case "${1:-demo}" in
   demo) wanted=("${demo[@]}") ;;
   test) wanted=("${test[@]}") ;;
+  bench) wanted=("${bench[@]}") ;;
   remote) wanted=("${remote[@]}") ;;
-  *) echo "usage: $0 [demo|test|remote]" >&2; exit 2 ;;
+  *) echo "usage: $0 [demo|test|bench|remote]" >&2; exit 2 ;;
 esac
 
 installed() { dpkg-query -W -f '${db:Status-Status}' "$1" 2>/dev/null | grep -qx installed; }
@@ -28,13 +34,21 @@ fi
 missing=()
 for package in "${wanted[@]}"; do installed "$package" || missing+=("$package"); done
 
-# Debian 12 has PoCL 3.1 and Mesa 22.3; the program is tried on 6.0 and 25.0 and later.
+# Debian 12 has PoCL 3.1, Mesa 22.3 and Embree 3; the program is tried on 6.0 and 25.0 and later, its
+# benchmarks ask for Embree 4.
 old_debian=no
 . /etc/os-release
-if [[ "${ID:-}" == debian && "${VERSION_ID:-99}" -lt 13 ]]; then
+# A package from there may have brought Debian 13's name along: the pin that was written then tells.
+pin=/etc/apt/preferences.d/foveate-trixie
+if [[ "${ID:-}" == debian && ( "${VERSION_ID:-99}" -lt 13 || -e $pin ) ]]; then
   old_debian=yes
-  for package in pocl-opencl-icd mesa-vulkan-drivers; do
-    floor=6; [[ $package == mesa-vulkan-drivers ]] && floor=25
+  for package in "${wanted[@]}"; do
+    case $package in
+      pocl-opencl-icd) floor=6 ;;
+      mesa-vulkan-drivers) floor=25 ;;
+      libembree-dev) floor=4 ;;
+      *) continue ;;
+    esac
     version=$(major "$package")
     if [[ -n "$version" && "$version" -lt "$floor" ]]; then missing+=("$package"); fi
   done
@@ -53,7 +67,7 @@ as_root() {
 export DEBIAN_FRONTEND=noninteractive
 echo "install-packages: installing ${missing[*]}"
 suite=()
-if [[ $old_debian == yes ]]; then
+if [[ $old_debian == yes && ! -e $pin ]]; then
   # The mirror that this machine already uses for its own release serves the newer one too.
   mirror=$(apt-get indextargets --format '$(REPO_URI) $(RELEASE) $(COMPONENT)' \
     | awk -v release="${VERSION_CODENAME}" '$2 == release && $3 == "main" { print $1; exit }')
@@ -65,8 +79,15 @@ if [[ $old_debian == yes ]]; then
   echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror trixie main" \
     | as_root tee /etc/apt/sources.list.d/foveate-trixie.list >/dev/null
   printf 'Package: *\nPin: release n=trixie\nPin-Priority: 100\n' \
-    | as_root tee /etc/apt/preferences.d/foveate-trixie >/dev/null
-  suite=(-t trixie)
+    | as_root tee "$pin" >/dev/null
 fi
+[[ $old_debian == yes ]] && suite=(-t trixie)
 as_root apt-get update -qq
-as_root apt-get install -y -qq --no-install-recommends "${suite[@]}" "${missing[@]}" >/dev/null
+install() { as_root apt-get install -y -qq --no-install-recommends "$@" >/dev/null; }
+drivers=() browser=()
+for package in "${missing[@]}"; do
+  if [[ $package == chromium ]]; then browser+=("$package"); else drivers+=("$package"); fi
+done
+# The browser comes from the machine's own release, so that it brings no newer libraries along.
+[[ ${#drivers[@]} -eq 0 ]] || install "${suite[@]}" "${drivers[@]}"
+[[ ${#browser[@]} -eq 0 ]] || install "${browser[@]}"

@@ -73,7 +73,7 @@ pub struct RenderOptions {
     /// How sample density falls off: paper, linear-mar, log-polar, uniform, full.
     #[arg(long, value_name = "NAME", help_heading = "Foveation")]
     law: Option<String>,
-    /// Shaded samples in each traced view, at most one a pixel, or "full": one at each pixel.
+    /// Shaded samples in each traced view: a number, a share of the pixels such as 0.05, or "full".
     #[arg(long, value_name = "full|N", help_heading = "Foveation")]
     samples: Option<String>,
     /// Where the eye looks, in 0..1 of the picture (with stereo, of one eye's) from its upper left corner;
@@ -194,7 +194,9 @@ fn named<T: clap::ValueEnum>(value: Option<T>) -> Option<toml::Value> {
 }
 
 fn count_or_name(text: &str) -> toml::Value {
-    text.parse().map_or_else(|_| toml::Value::String(text.to_string()), toml::Value::Integer)
+    let whole = text.parse().map(toml::Value::Integer);
+    let number = || text.parse().map(toml::Value::Float);
+    whole.or_else(|_| number()).unwrap_or_else(|_| toml::Value::String(text.to_string()))
 }
 
 fn point(text: &str) -> Result<DVec3, String> {

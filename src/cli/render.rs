@@ -85,17 +85,22 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// Opens the devices while the scene loads.
 pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded)> {
-    let (machine, loaded) =
-        rayon::join(|| Machine::open(&config.devices), || Loaded::from_file(scene, config));
+    let (machine, loaded) = rayon::join(|| Machine::open(&config.devices), || load(scene, config));
     // What is wrong with the scene comes first: it is the likelier mistake.
     let loaded = loaded?;
+    Ok((machine?, loaded))
+}
+
+/// Loads a scene that has something to show.
+pub fn load(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
+    let loaded = Loaded::from_file(scene, config)?;
     if loaded.scene.mesh.triangles.is_empty() {
         return Err(Error::Scene {
             path: scene.to_path_buf(),
             problem: "it has no triangles to show; check its export".into(),
         });
     }
-    Ok((machine?, loaded))
+    Ok(loaded)
 }
 
 fn file_kind(path: &std::path::Path) -> Result<FileKind> {

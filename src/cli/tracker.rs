@@ -203,7 +203,7 @@ fn written(result: std::io::Result<()>) -> Result<bool> {
 }
 
 /// The user's folder for what programs learn.
-fn default_memory() -> Option<PathBuf> {
+pub(super) fn default_memory() -> Option<PathBuf> {
     let folder = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     folder("XDG_STATE_HOME")
         .or_else(|| folder("HOME").map(|home| home.join(".local/state")))

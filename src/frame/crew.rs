@@ -71,29 +71,31 @@ impl Crew {
     pub fn trace(&mut self, job: &Arc<Job>) -> Result<ViewReport> {
         self.fleet.refresh();
         self.know_present();
-        let workload = &job.workload;
+        let workload = &job.workload.clone();
         let mut report = ViewReport { devices: vec![DeviceShare::default(); self.fleet.count()], rays: 0 };
-        let mut observed = Vec::new();
+        let (mut job, mut done) = (job.clone(), Vec::new());
         let mut parts = self.balancer.split(job.index, workload);
         let mut lost = Vec::new();
         loop {
             if parts.is_empty() {
-                parts = self.wait_for_one(job)?;
+                parts = self.wait_for_one(&job)?;
                 // What was done before is done anew.
-                (report.devices, report.rays) = (vec![DeviceShare::default(); self.fleet.count()], 0);
-                lost.clear();
+                (done, lost) = (Vec::new(), Vec::new());
                 continue;
             }
-            let round = self.fleet.trace(job, &parts, |done| job.landing.take(job, done));
-            for (device, done) in round.done {
-                report.add(device, &done);
-                observed.push(observation(device, done));
-            }
+            let round = self.fleet.trace(&job, &parts);
+            done.extend(round.done);
             lost.extend(round.lost);
             let Some(part) = lost.pop() else { break };
             self.know_present();
+            job = Arc::new(Job { direct: false, ..Job::clone(&job) });
             parts = self.balancer.split_part(job.index, workload, part);
         }
+        // Only now: the device that writes in place also describes tiles around its part.
+        done.iter().for_each(|(_, done)| job.landing.take(&job, done));
+        done.iter().for_each(|(device, done)| report.add(*device, done));
+        let observed: Vec<Observation> =
+            done.into_iter().map(|(device, done)| observation(device, done)).collect();
         self.balancer.observe(job.index, workload, &job.landing.seen(workload), &observed);
         Ok(report)
     }

@@ -2,6 +2,7 @@
 
 pub mod balance;
 pub mod crew;
+pub mod front;
 pub mod load;
 pub mod log;
 pub mod pipeline;

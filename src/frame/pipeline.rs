@@ -10,10 +10,10 @@ use super::load::{Loaded, Step, timed};
 use super::stereo::Plan;
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
-use crate::foveation::{Law, Pattern, Workload};
+use crate::foveation::{Law, Lens, Pattern, Workload};
 use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
-use crate::gpu::vulkan::{Context, Format, Image};
+use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
 use crate::scene::Sun;
@@ -66,6 +66,7 @@ pub struct Renderer {
     reconstruction: Reconstruction,
     context: Context,
     law: Law,
+    lenses: Vec<Lens>,
     samples: Samples,
     settings: trace::Settings,
     exposure: f32,
@@ -92,6 +93,8 @@ struct PatternKey {
     height: u32,
     fov: crate::math::view::FieldOfView,
     gaze: DVec2,
+    law: Law,
+    samples: Samples,
 }
 
 impl Renderer {
@@ -171,6 +174,7 @@ impl Renderer {
             reconstruction,
             context: context.clone(),
             law: config.foveation.law,
+            lenses: Vec::new(),
             samples: config.foveation.samples,
             settings: trace_settings(config),
             exposure: config.view.exposure as f32,
@@ -216,6 +220,7 @@ impl Renderer {
             pattern: traced.pattern.clone(),
             workload: traced.workload.clone(),
             landing: traced.landing.clone(),
+            direct: true,
         };
         let done = self.crew.trace(&Arc::new(job))?;
         let slowest = done.slowest();
@@ -252,16 +257,26 @@ impl Renderer {
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
     fn prepare_view(&mut self, index: usize, view: &View, gaze: DVec2) -> Result<f64> {
-        let key = PatternKey { width: view.width, height: view.height, fov: view.fov, gaze };
+        let key = PatternKey {
+            width: view.width,
+            height: view.height,
+            fov: view.fov,
+            gaze,
+            law: self.law,
+            samples: self.samples,
+        };
         if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
             return Ok(0.0);
         }
         let start = Instant::now();
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            Samples::Count(count) => (self.law, count),
+            samples => (self.law, samples.of(view.pixels())),
         };
-        let pattern = Pattern::new(view, &law, gaze, count);
+        let pattern = match self.lenses.get(index) {
+            Some(lens) => Pattern::through(view, &law, gaze, count, lens),
+            None => Pattern::new(view, &law, gaze, count),
+        };
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
         self.take_pattern(index, key, pattern)?;
         self.reconstruction.wait_pattern(index)?;
@@ -319,6 +334,18 @@ impl Renderer {
         self.image.as_ref().map_or(Ok(Vec::new()), Image::read)
     }
 
+    /// The last frame's picture where it was drawn, sRGB encoded with [`Output::Display`]; none before the
+    /// first frame.
+    pub fn target(&self) -> Option<&Target> {
+        self.image.as_ref().map(Image::target)
+    }
+
+    /// Views are seen through these lenses, one for each of them in their order, from the first frame on:
+    /// see [`Pattern::through`].
+    pub fn with_lenses(self, lenses: Vec<Lens>) -> Self {
+        Renderer { lenses, ..self }
+    }
+
     /// How samples get from the first OpenCL device to Vulkan; those of the others are copied.
     pub fn sharing(&self) -> Sharing {
         if self.crew.direct().is_some() { Sharing::ZeroCopy } else { Sharing::Staged }
@@ -334,6 +361,22 @@ impl Renderer {
         self.crew.take_notes()
     }
 
+    /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside
+    /// a new pattern, the reconstruction's with new shaders. Scene, environment and exposure stay.
+    ///
+    /// # Errors
+    /// Where the reconstruction's settings cannot be used.
+    pub fn apply(&mut self, config: &Config) -> Result<()> {
+        let reconstruction = reconstruction_settings(config);
+        if *self.reconstruction.settings() != reconstruction {
+            self.reconstruction = Reconstruction::new(&self.context, reconstruction)?;
+            self.views.clear();
+        }
+        self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
+        (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
+        Ok(())
+    }
+
     /// Camera rays go through random points of their pixels from now on, or through their centres.
     pub fn set_jitter(&mut self, jitter: bool) {
         self.settings.jitter = jitter;
@@ -344,6 +387,7 @@ fn trace_settings(config: &Config) -> trace::Settings {
     trace::Settings {
         rays: config.trace.rays,
         bounces: config.trace.bounces,
+        edge_rays: config.trace.edge_rays,
         guided: config.reconstruction.method == Method::Guided,
         seed: config.trace.seed,
         jitter: false,

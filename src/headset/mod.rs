@@ -1,4 +1,6 @@
 //! What a frame is shown on, and where poses and gazes come from.
 
 pub mod mock;
+pub mod panel;
 pub mod rift_dk1;
+pub mod walker;

@@ -181,9 +181,9 @@ impl Fleet {
         }
     }
 
-    /// Has parts traced, all at the same time, and waits for them; each that is done is handed to `land` at
-    /// once. A device that fails or is late leaves its part undone.
-    pub fn trace(&mut self, job: &Arc<Job>, parts: &[(usize, Part)], mut land: impl FnMut(&Done)) -> Round {
+    /// Has parts traced, all at the same time, and waits for them. A device that fails or is late leaves its
+    /// part undone.
+    pub fn trace(&mut self, job: &Arc<Job>, parts: &[(usize, Part)]) -> Round {
         self.round += 1;
         let (mut round, start) = (Round::default(), Instant::now());
         let mut waiting: HashMap<usize, (Part, Instant)> = HashMap::new();
@@ -208,7 +208,6 @@ impl Fleet {
                         && waiting.remove(&index).is_some()
                     {
                         self.members[index].remember(start.elapsed());
-                        land(&done);
                         round.done.push((index, done));
                     }
                 }
@@ -312,6 +311,9 @@ fn work(index: usize, open: &Opener, orders: &Receiver<Order>, answer: &Sender<(
                     return;
                 }
                 if failed {
+                    if hand.is_lost() {
+                        std::mem::forget(hand);
+                    }
                     break;
                 }
                 pause = RETRY;

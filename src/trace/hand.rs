@@ -27,6 +27,9 @@ pub struct Job {
     pub workload: Arc<Workload>,
     /// Where the results go.
     pub landing: Arc<Landing>,
+    /// A device that can may write them there itself: not when others' results are there already, since it
+    /// also describes the tiles around its part.
+    pub direct: bool,
 }
 
 /// The memory that a view's results end up in, for Vulkan to read.
@@ -63,6 +66,12 @@ pub trait Hand: Send {
     /// # Errors
     /// Where the device fails; it is not used again before it was opened anew.
     fn trace(&mut self, job: &Job, part: &Part) -> Result<Done>;
+
+    /// After a failure: the device is gone for good, and its driver may hang when it is told to let go of
+    /// what was there.
+    fn is_lost(&self) -> bool {
+        false
+    }
 }
 
 /// A device with a scene.
@@ -113,7 +122,7 @@ impl DeviceHand {
             let (samples, visibility) = slot.take().map_or((None, None), |own| (own.samples, own.visibility));
             *slot = Some(OwnView { pattern, uploaded, samples, visibility });
         }
-        let direct = self.direct && job.landing.samples.opencl().is_some();
+        let direct = self.direct && job.direct && job.landing.samples.opencl().is_some();
         if let Some(own) = slot.as_mut().filter(|_| !direct) {
             let device = self.tracer.device();
             let (count, pixels) = (job.pattern.samples.len(), job.view.pixels());
@@ -129,11 +138,15 @@ impl DeviceHand {
 }
 
 impl Hand for DeviceHand {
+    fn is_lost(&self) -> bool {
+        !self.tracer.device().is_available()
+    }
+
     fn trace(&mut self, job: &Job, part: &Part) -> Result<Done> {
         self.prepare(job)?;
         let Some(own) = &self.views[job.index] else { return Ok(Done::default()) };
         let landing = &job.landing;
-        let direct = landing.samples.opencl().filter(|_| self.direct);
+        let direct = landing.samples.opencl().filter(|_| self.direct && job.direct);
         let Some(samples) = direct.or(own.samples.as_ref()) else { return Ok(Done::default()) };
         let visibility = match direct {
             Some(_) => landing.visibility.as_ref().and_then(Shared::opencl),

@@ -3,10 +3,12 @@
 
 mod fleet;
 mod hand;
+pub mod probe;
 mod scene_buffers;
 mod self_test;
 mod source;
 mod tracer;
+pub mod warm;
 
 pub use fleet::{Fleet, Opener, Round, State};
 pub use hand::{DeviceHand, Done, Hand, Job, Landing};

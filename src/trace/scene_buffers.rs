@@ -202,6 +202,9 @@ impl SceneBuffers {
         })
     }
 
+    /// How many arguments a scene is.
+    pub(super) const ARGUMENTS: usize = 15;
+
     /// The kernels' first arguments, in the order of `SCENE_PARAMETERS`.
     pub(super) fn args(&self) -> Vec<Arg<'_>> {
         vec![

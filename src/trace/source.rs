@@ -4,7 +4,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 19] = [
+const FILES: [&str; 20] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -22,6 +22,7 @@ const FILES: [&str; 19] = [
     include_str!("../../kernels/shared/beam.h"),
     include_str!("../../kernels/visibility.cl"),
     include_str!("../../kernels/sun.cl"),
+    include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/shade.cl"),
     include_str!("../../kernels/gather.cl"),
 ];
@@ -29,6 +30,25 @@ const FILES: [&str; 19] = [
 /// The whole text.
 pub fn text() -> String {
     FILES.join("\n")
+}
+
+/// What rays alone need, for measurements of them.
+const PROBE_FILES: [&str; 10] = [
+    include_str!("../../kernels/shared/types.h"),
+    include_str!("../../kernels/shared/math.h"),
+    include_str!("../../kernels/shared/random.h"),
+    include_str!("../../kernels/shared/scene.h"),
+    include_str!("../../kernels/shared/traverse.h"),
+    include_str!("../../kernels/shared/camera.h"),
+    include_str!("../../kernels/shared/frustum.h"),
+    include_str!("../../kernels/shared/tiles.h"),
+    include_str!("../../kernels/trace.cl"),
+    include_str!("../../kernels/bundles.cl"),
+];
+
+/// The text of the kernels that measurements use.
+pub fn probe_text() -> String {
+    PROBE_FILES.join("\n")
 }
 
 /// Build options: every feature, always defined, and the depth of the kernels' stacks.

@@ -13,10 +13,10 @@ use super::source;
 use super::{SceneBuffers, SceneData};
 
 /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
-const GROUP: usize = 8;
+pub(super) const GROUP: usize = 8;
 
-/// Work-items of `trace_pixels` and `light_pixels` for a tile: `BLOCKS_PER_TILE` of tiles.h.
-const BLOCKS_PER_TILE: usize = 4;
+/// Work-items of `trace_pixels`, `light_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
+pub(super) const BLOCKS_PER_TILE: usize = 4;
 /// Work-items of `describe_pixels` and `pack_visibility` for a tile: its rows.
 const ROWS_PER_TILE: usize = TILE as usize;
 
@@ -27,6 +27,8 @@ pub struct Settings {
     pub rays: u32,
     /// Further bounces, 0 to 4.
     pub bounces: u32,
+    /// More camera rays in each pixel at an edge, 0 to 8; guided settings only.
+    pub edge_rays: u32,
     /// Dense visibility for guided reconstruction, and samples that it can interpolate.
     pub guided: bool,
     /// Seed of the random numbers.
@@ -59,6 +61,7 @@ pub struct Tracer {
     trace_pixels: Kernel,
     trace_samples: Kernel,
     describe_pixels: Kernel,
+    share_edges: Kernel,
     shade_samples: Kernel,
     pack_visibility: Kernel,
     /// Exists where the environment has a sun.
@@ -73,7 +76,33 @@ pub struct Tracer {
 pub struct TracePattern {
     samples: Buffer<u32>,
     tiles: Buffer<u32>,
+    order: Vec<u32>,
+    tiles_x: u32,
     whole: Part,
+}
+
+impl TracePattern {
+    /// The tiles that touch those of parts which follow each other, and are none of them.
+    fn ring(&self, parts: &[Part]) -> Vec<u32> {
+        let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Vec::new() };
+        let inside = &self.order[first.first_traced as usize..last.tiles.end as usize];
+        let (across, down) = (self.tiles_x, self.order.len() as u32 / self.tiles_x.max(1));
+        let mut known = vec![false; self.order.len()];
+        inside.iter().for_each(|&tile| known[tile as usize] = true);
+        let mut ring = Vec::new();
+        for &tile in inside {
+            let (x, y) = (tile % across, tile / across);
+            for y in y.saturating_sub(1)..(y + 2).min(down) {
+                for x in x.saturating_sub(1)..(x + 2).min(across) {
+                    let next = y * across + x;
+                    if !std::mem::replace(&mut known[next as usize], true) {
+                        ring.push(next);
+                    }
+                }
+            }
+        }
+        ring
+    }
 }
 
 /// Work under way: events whose times are read when the device has finished.
@@ -135,6 +164,7 @@ impl Tracer {
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
+            share_edges: program.kernel("share_edges")?,
             shade_samples: program.kernel("shade_samples")?,
             pack_visibility: program.kernel("pack_visibility")?,
             light_pixels: features.sun.then(|| program.kernel("light_pixels")).transpose()?,
@@ -159,6 +189,8 @@ impl Tracer {
         Ok(TracePattern {
             samples: Buffer::from_slice(&self.device, &pattern.samples)?,
             tiles: Buffer::from_slice(&self.device, &pattern.order)?,
+            order: pattern.order.clone(),
+            tiles_x: pattern.tiles_x(),
             whole: Part {
                 samples: 0..pattern.samples.len() as u32,
                 tiles: 0..pattern.order.len() as u32,
@@ -211,21 +243,19 @@ impl Tracer {
             hits_per_pixel: u32::from(settings.guided),
             ..self.scene.shading
         };
+        let (traces, camera_rays) = match visibility {
+            Some(records) => {
+                let edges = settings.edge_rays;
+                self.trace_tiles(&camera, &shading, edges, pattern, parts, records)?
+            }
+            None => {
+                let trace = |part: &Part| Ok(vec![self.trace_only_samples(&camera, pattern, part)?]);
+                let rays = parts.iter().map(|part| part.samples.len() as u64).sum();
+                (parts.iter().map(trace).collect::<Result<Vec<_>>>()?, rays)
+            }
+        };
         let mut events = Vec::with_capacity(parts.len());
-        let mut camera_rays = 0;
-        for (index, part) in parts.iter().enumerate() {
-            let trace = match visibility {
-                Some(records) => {
-                    let first = if index == 0 { part.first_traced } else { part.tiles.start };
-                    let count = part.tiles.end - first;
-                    camera_rays += u64::from(count * TILE_PIXELS).min(view.pixels() as u64);
-                    self.trace_tiles(&camera, &shading, pattern, first, count, records)?
-                }
-                None => {
-                    camera_rays += part.samples.len() as u64;
-                    vec![self.trace_only_samples(&camera, pattern, part)?]
-                }
-            };
+        for (part, trace) in parts.iter().zip(traces) {
             events.push((trace, self.shade(&camera, &shading, pattern, part, visibility, samples)?));
         }
         self.device.flush()?;
@@ -295,16 +325,54 @@ impl Tracer {
         Ok(hits)
     }
 
+    /// Traces and describes the pixels of all parts, and of the ring of tiles around them where edges want to
+    /// know their neighbours. The events of each part, and how many camera rays there were.
     fn trace_tiles(
         &self,
         camera: &layout::Camera,
         shading: &layout::Shading,
+        edge_rays: u32,
         pattern: &TracePattern,
+        parts: &[Part],
+        records: &Buffer<VisibilityRecord>,
+    ) -> Result<(Vec<Vec<Event>>, u64)> {
+        let starts = parts.iter().enumerate().map(|(index, part)| match index {
+            0 => part.first_traced,
+            _ => part.tiles.start,
+        });
+        let (mut events, mut tiles) = (Vec::with_capacity(parts.len()), 0);
+        for (part, first) in parts.iter().zip(starts) {
+            let count = part.tiles.end - first;
+            tiles += count;
+            events.push(self.describe(camera, shading, &pattern.tiles, first, count, records)?);
+        }
+        if edge_rays > 0 {
+            let ring = pattern.ring(parts);
+            if !ring.is_empty() {
+                tiles += ring.len() as u32;
+                let list = Buffer::from_slice(&self.device, &ring)?;
+                let around = self.describe(camera, shading, &list, 0, ring.len() as u32, records)?;
+                events[0].extend(around);
+            }
+            for (part, events) in parts.iter().zip(&mut events) {
+                events.push(self.share_edges(camera, edge_rays, pattern, part, records)?);
+            }
+        }
+        let pixels = u64::from(camera.width) * u64::from(camera.height);
+        Ok((events, u64::from(tiles * TILE_PIXELS).min(pixels)))
+    }
+
+    /// Finds the hits of the pixels of tiles `first..first + count` of a list, and describes them.
+    fn describe(
+        &self,
+        camera: &layout::Camera,
+        shading: &layout::Shading,
+        list: &Buffer<u32>,
         first: u32,
         count: u32,
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Vec<Event>> {
-        let tiles = [Arg::buffer(&pattern.tiles), Arg::U32(first), Arg::U32(count)];
+        let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
         let blocks = count as usize * BLOCKS_PER_TILE;
         let mut args = self.scene.args();
         args.push(Arg::value(camera));
@@ -322,6 +390,28 @@ impl Tracer {
             events.push(kernel.launch(&args, blocks, GROUP)?);
         }
         Ok(events)
+    }
+
+    fn share_edges(
+        &self,
+        camera: &layout::Camera,
+        rays: u32,
+        pattern: &TracePattern,
+        part: &Part,
+        records: &Buffer<VisibilityRecord>,
+    ) -> Result<Event> {
+        let mut args = self.scene.args();
+        args.extend([
+            Arg::value(camera),
+            Arg::U32(rays),
+            Arg::buffer(&pattern.tiles),
+            Arg::U32(part.tiles.start),
+            Arg::U32(part.tiles.len() as u32),
+            Arg::buffer(&self.hits),
+            Arg::buffer(records),
+            Arg::buffer(&self.counters),
+        ]);
+        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, GROUP)
     }
 
     fn trace_only_samples(
@@ -368,7 +458,7 @@ impl Tracer {
 
 /// A view as kernels see it. The eye's position is split in two floats, so that a head far from the
 /// anchor still moves smoothly.
-fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
+pub(super) fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
     let rotation = glam::DMat3::from_quat(view.world_from_eye.rotation);
     let eye = view.world_from_eye.position - anchor;
     let high = eye.as_vec3();

@@ -202,6 +202,11 @@ impl Device {
         &self.0.info
     }
 
+    /// Whether the driver still says that the device is there.
+    pub fn is_available(&self) -> bool {
+        cl3::device::get_device_info(self.id(), cl3::device::CL_DEVICE_AVAILABLE).map(u32::from) == Ok(1)
+    }
+
     /// Waits until everything in the queue is done.
     ///
     /// # Errors

@@ -10,6 +10,7 @@ mod context;
 mod image;
 mod memory;
 mod pipeline;
+mod swapchain;
 
 pub use ash::vk::Format;
 pub use commands::{Commands, Rect, StageTime};
@@ -17,6 +18,7 @@ pub use context::{Context, ContextOptions, DeviceKind, DeviceReport, RawContext,
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
 pub use pipeline::{ComputePipeline, PassPipeline, Shader};
+pub use swapchain::{Shown, Swapchain, Window, window_extensions};
 
 #[cfg(test)]
 pub(crate) mod testing {
