@@ -31,7 +31,14 @@ impl Machine {
     /// As [`Machine::open`].
     pub fn open_with(config: &DevicesConfig, options: ContextOptions) -> Result<Machine> {
         let wanted = (!config.vulkan.is_empty()).then(|| config.vulkan.clone());
-        let context = Context::new(&ContextOptions { device: wanted, ..options })?;
+        Self::presenting(Context::new(&ContextOptions { device: wanted, ..options })?, config)
+    }
+
+    /// Opens the devices that trace for one that presents.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] where there is none, with the next step.
+    pub fn presenting(context: Context, config: &DevicesConfig) -> Result<Machine> {
         let devices = open(&device::list(), config, &context.report().uuid)?;
         Ok(Machine { device: devices[0].clone(), devices, context })
     }

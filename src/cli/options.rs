@@ -13,7 +13,7 @@ use crate::scene::viewpoint::default_viewpoint;
 
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct ConfigOptions {
+pub struct Overrides {
     /// Settings from a TOML file like configs/default.toml.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
@@ -24,12 +24,26 @@ pub struct ConfigOptions {
     /// all that work by default.
     #[arg(long, visible_alias = "device", value_name = "NAME,...")]
     devices: Option<String>,
+}
+
+/// Settings from files and `--set`, and how results are printed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfigOptions {
+    #[command(flatten)]
+    overrides: Overrides,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
 }
 
 impl ConfigOptions {
+    /// The defaults under files under assignments.
+    pub fn layers(&self, layers: Layers) -> Result<Layers> {
+        self.overrides.layers(layers)
+    }
+}
+
+impl Overrides {
     /// The defaults under files under assignments.
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.config.iter().try_for_each(|path| layers.file(path))?;
@@ -156,6 +170,17 @@ impl RenderOptions {
             None => Pose::new(default.world_from_eye.rotation, eye),
         };
         Ok((pose, fov_y))
+    }
+
+    /// Pixels across and down where flags or settings give them.
+    pub fn given_size(&self) -> Result<[Option<u32>; 2]> {
+        let layers = self.config.layers(Layers::default())?;
+        let config = self.config()?;
+        let given = |flag: Option<u32>, key, value| (flag.is_some() || layers.gives(key)).then_some(value);
+        Ok([
+            given(self.width, "view.width", config.view.width),
+            given(self.height, "view.height", config.view.height),
+        ])
     }
 
     /// `--fov-y` in radians.

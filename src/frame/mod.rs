@@ -10,5 +10,5 @@ pub mod stereo;
 
 pub use crew::{Crew, DeviceShare};
 pub use load::{Loaded, Step};
-pub use pipeline::{FrameReport, Output, Renderer, StageMs};
+pub use pipeline::{FrameReport, Output, Renderer, Shot, StageMs};
 pub use stereo::{Cut, Plan};

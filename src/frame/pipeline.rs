@@ -7,10 +7,10 @@ use glam::DVec2;
 
 use super::crew::{Crew, DeviceShare};
 use super::load::{Loaded, Step, timed};
-use super::stereo::Plan;
+use super::stereo::{Cut, Plan};
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
-use crate::foveation::{Law, Lens, Pattern, Workload};
+use crate::foveation::{BitMask, Law, Lens, Pattern, Workload};
 use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image, Target};
@@ -87,7 +87,7 @@ struct TracedView {
 }
 
 /// A pattern is made anew when one of these changes.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, PartialEq)]
 struct PatternKey {
     width: u32,
     height: u32,
@@ -95,6 +95,29 @@ struct PatternKey {
     gaze: DVec2,
     law: Law,
     samples: Samples,
+    hidden: Option<Arc<BitMask>>,
+}
+
+/// A view to trace, and where its pixels go.
+pub struct Shot<'a> {
+    /// The view.
+    pub view: View,
+    /// Where the eye looks, in 0..1 of the view; it may lie outside.
+    pub gaze: DVec2,
+    /// Factor for the width of the region of full density: see [`Law::widened`].
+    pub widening: f64,
+    /// Pixels that nobody sees: they get no samples. Of the view's size; not all are hidden.
+    pub hidden: Option<Arc<BitMask>>,
+    /// The parts of targets that show parts of the view.
+    pub outputs: Vec<reconstruct::Output<'a>>,
+}
+
+impl Shot<'_> {
+    fn key(&self, law: Law, samples: Samples) -> PatternKey {
+        let View { width, height, fov, .. } = self.view;
+        let law = law.widened(self.widening);
+        PatternKey { width, height, fov, gaze: self.gaze, law, samples, hidden: self.hidden.clone() }
+    }
 }
 
 impl Renderer {
@@ -192,16 +215,38 @@ impl Renderer {
     /// # Errors
     /// Where a device fails.
     pub fn frame(&mut self, plan: &Plan, gaze: &[DVec2], seed: u32) -> Result<FrameReport> {
+        let target = self.prepare_image(plan)?;
+        let shot = |(index, (view, cuts)): (usize, &(View, Vec<Cut>))| Shot {
+            view: *view,
+            gaze: gaze.get(index).copied().unwrap_or_else(|| view.optical_centre()),
+            widening: 1.0,
+            hidden: None,
+            outputs: cuts
+                .iter()
+                .map(|cut| reconstruct::Output {
+                    rect: cut.rect,
+                    source: cut.source,
+                    ..reconstruct::Output::whole(&target, self.exposure)
+                })
+                .collect(),
+        };
+        let shots: Vec<Shot> = plan.views.iter().enumerate().map(shot).collect();
+        self.shoot(&shots, seed)
+    }
+
+    /// Renders one frame into targets made elsewhere, and waits until all pixels are written.
+    ///
+    /// # Errors
+    /// Where a device fails.
+    pub fn shoot(&mut self, shots: &[Shot], seed: u32) -> Result<FrameReport> {
         let start = Instant::now();
         let mut report = FrameReport::default();
-        self.prepare_image(plan)?;
-        for (index, (view, cuts)) in plan.views.iter().enumerate() {
-            let gaze = gaze.get(index).copied().unwrap_or_else(|| view.optical_centre());
-            report.pattern_ms += self.prepare_view(index, view, gaze)?;
-            self.trace(index, view, seed, &mut report)?;
-            self.reconstruct(index, view, cuts)?;
+        for (index, shot) in shots.iter().enumerate() {
+            report.pattern_ms += self.prepare_view(index, shot)?;
+            self.trace(index, &shot.view, seed, &mut report)?;
+            self.reconstruct(index, shot)?;
         }
-        for index in 0..plan.views.len() {
+        for index in 0..shots.len() {
             let stages = self.reconstruction.wait(index)?;
             report.stages.reconstruct += stages.iter().map(|stage| stage.ms).sum::<f64>();
             report.dropped += self.reconstruction.dropped(index);
@@ -234,48 +279,34 @@ impl Renderer {
         Ok(())
     }
 
-    fn reconstruct(&mut self, index: usize, view: &View, cuts: &[super::stereo::Cut]) -> Result<()> {
-        let Some(image) = &self.image else { return Ok(()) };
+    fn reconstruct(&mut self, index: usize, shot: &Shot) -> Result<()> {
         let traced = &self.views[index];
-        let outputs: Vec<reconstruct::Output> = cuts
-            .iter()
-            .map(|cut| reconstruct::Output {
-                rect: cut.rect,
-                source: cut.source,
-                ..reconstruct::Output::whole(image.target(), self.exposure)
-            })
-            .collect();
         let frame = Frame {
-            view,
+            view: &shot.view,
             samples: traced.landing.samples.vulkan(),
             visibility: traced.landing.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
-            outputs: &outputs,
+            outputs: &shot.outputs,
         };
         self.reconstruction.submit(index, &frame)
     }
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
-    fn prepare_view(&mut self, index: usize, view: &View, gaze: DVec2) -> Result<f64> {
-        let key = PatternKey {
-            width: view.width,
-            height: view.height,
-            fov: view.fov,
-            gaze,
-            law: self.law,
-            samples: self.samples,
-        };
+    fn prepare_view(&mut self, index: usize, shot: &Shot) -> Result<f64> {
+        let key = shot.key(self.law, self.samples);
         if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
             return Ok(0.0);
         }
         let start = Instant::now();
+        let view = &shot.view;
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            samples => (self.law, samples.of(view.pixels())),
+            samples => (key.law, samples.of(view.pixels())),
         };
-        let pattern = match self.lenses.get(index) {
-            Some(lens) => Pattern::through(view, &law, gaze, count, lens),
-            None => Pattern::new(view, &law, gaze, count),
+        let pattern = match (self.lenses.get(index), &shot.hidden) {
+            (Some(lens), _) => Pattern::through(view, &law, shot.gaze, count, lens),
+            (None, Some(hidden)) => Pattern::with_mask(view, &law, shot.gaze, count, hidden),
+            (None, None) => Pattern::new(view, &law, shot.gaze, count),
         };
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
         self.take_pattern(index, key, pattern)?;
@@ -312,17 +343,19 @@ impl Renderer {
         Ok(())
     }
 
-    fn prepare_image(&mut self, plan: &Plan) -> Result<()> {
+    /// The renderer's own picture, made anew where the plan's size has changed.
+    fn prepare_image(&mut self, plan: &Plan) -> Result<Target> {
         let fits =
-            |image: &Image| (image.target().width(), image.target().height()) == (plan.width, plan.height);
-        if !self.image.as_ref().is_some_and(fits) {
-            let format = match self.output {
-                Output::Display => Format::R8G8B8A8_UNORM,
-                Output::Radiance => Format::R32G32B32A32_SFLOAT,
-            };
-            self.image = Some(Image::new(&self.context, format, plan.width, plan.height)?);
+            |image: &&Image| (image.target().width(), image.target().height()) == (plan.width, plan.height);
+        if let Some(image) = self.image.as_ref().filter(fits) {
+            return Ok(image.target().clone());
         }
-        Ok(())
+        let format = match self.output {
+            Output::Display => Format::R8G8B8A8_UNORM,
+            Output::Radiance => Format::R32G32B32A32_SFLOAT,
+        };
+        let image = Image::new(&self.context, format, plan.width, plan.height)?;
+        Ok(self.image.insert(image).target().clone())
     }
 
     /// The last frame's picture: rows from the top, four bytes ([`Output::Display`]) or four floats
@@ -349,6 +382,14 @@ impl Renderer {
     /// How samples get from the first OpenCL device to Vulkan; those of the others are copied.
     pub fn sharing(&self) -> Sharing {
         if self.crew.direct().is_some() { Sharing::ZeroCopy } else { Sharing::Staged }
+    }
+
+    /// The depth of each pixel of a view of the last frame along the view's axis, 0 for the sky: row after row;
+    /// empty where it was not guided.
+    pub fn depths(&self, view: usize) -> Vec<f32> {
+        let landing = self.views.get(view).map(|traced| &traced.landing);
+        let records = landing.and_then(|l| l.visibility.as_ref()).map(|v| v.sparse(v.len(), 1));
+        records.unwrap_or_default().iter().map(|record| record.depth).collect()
     }
 
     /// The tracing devices.

@@ -133,6 +133,11 @@ impl Probe {
         &self.device
     }
 
+    /// The scene's buffers.
+    pub fn scene(&self) -> &SceneBuffers {
+        &self.scene
+    }
+
     /// The scene's buffers with their sizes.
     pub fn bytes(&self) -> &[BufferBytes] {
         &self.bytes

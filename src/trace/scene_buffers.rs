@@ -225,6 +225,11 @@ impl SceneBuffers {
             Arg::buffer(&self.alias),
         ]
     }
+
+    /// Bytes of what rays walk: nodes, vertices in leaf order, and what hits need to know of a triangle.
+    pub fn tree_bytes(&self) -> usize {
+        self.nodes.bytes() + self.leaves.bytes() + self.triangles.bytes()
+    }
 }
 
 fn pack_color(color: &Vec4) -> [u8; 4] {
