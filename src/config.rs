@@ -274,11 +274,13 @@ impl Default for HeadsetConfig {
 pub struct Dk1Config {
     /// Pixels of the undistorted pictures for one of the panel's at the lenses' centres.
     pub resolution: f64,
+    /// The folder where what is learned of each tracker is kept; empty for the user's state folder.
+    pub memory: PathBuf,
 }
 
 impl Default for Dk1Config {
     fn default() -> Self {
-        Dk1Config { resolution: 1.0 }
+        Dk1Config { resolution: 1.0, memory: PathBuf::new() }
     }
 }
 

@@ -28,8 +28,7 @@ impl Machine {
     /// As [`Machine::open`].
     pub fn open_with(config: &DevicesConfig, options: ContextOptions) -> Result<Machine> {
         let wanted = (!config.vulkan.is_empty()).then(|| config.vulkan.clone());
-        let context = Context::new(&ContextOptions { device: wanted, ..options })?;
-        Self::presenting(context, config)
+        Self::presenting(Context::new(&ContextOptions { device: wanted, ..options })?, config)
     }
 
     /// Opens the device that traces for one that presents.

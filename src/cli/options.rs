@@ -13,19 +13,33 @@ use crate::scene::viewpoint::default_viewpoint;
 
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct ConfigOptions {
+pub struct Overrides {
     /// Settings from a TOML file like configs/default.toml.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// One setting, such as trace.rays=16. May be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+}
+
+/// Settings from files and `--set`, and how results are printed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfigOptions {
+    #[command(flatten)]
+    overrides: Overrides,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
 }
 
 impl ConfigOptions {
+    /// The defaults under files under assignments.
+    pub fn layers(&self, layers: Layers) -> Result<Layers> {
+        self.overrides.layers(layers)
+    }
+}
+
+impl Overrides {
     /// The defaults under files under assignments.
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.config.iter().try_for_each(|path| layers.file(path))?;

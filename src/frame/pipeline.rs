@@ -94,7 +94,6 @@ struct PatternKey {
     gaze: DVec2,
     law: Law,
     samples: Samples,
-    widening: f64,
     hidden: Option<Arc<BitMask>>,
 }
 
@@ -115,8 +114,8 @@ pub struct Shot<'a> {
 impl Shot<'_> {
     fn key(&self, law: Law, samples: Samples) -> PatternKey {
         let View { width, height, fov, .. } = self.view;
-        let Shot { gaze, widening, .. } = *self;
-        PatternKey { law, samples, width, height, fov, gaze, widening, hidden: self.hidden.clone() }
+        let law = law.widened(self.widening);
+        PatternKey { width, height, fov, gaze: self.gaze, law, samples, hidden: self.hidden.clone() }
     }
 }
 
@@ -279,11 +278,11 @@ impl Renderer {
         let view = &shot.view;
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            samples => (self.law.widened(shot.widening), samples.of(view.pixels())),
+            samples => (key.law, samples.of(view.pixels())),
         };
-        let pattern = match (&shot.hidden, self.lenses.get(index)) {
-            (Some(hidden), _) => Pattern::with_mask(view, &law, shot.gaze, count, hidden),
-            (None, Some(lens)) => Pattern::through(view, &law, shot.gaze, count, lens),
+        let pattern = match (self.lenses.get(index), &shot.hidden) {
+            (Some(lens), _) => Pattern::through(view, &law, shot.gaze, count, lens),
+            (None, Some(hidden)) => Pattern::with_mask(view, &law, shot.gaze, count, hidden),
             (None, None) => Pattern::new(view, &law, shot.gaze, count),
         };
         self.take_pattern(index, key, &pattern)?;

@@ -120,6 +120,11 @@ impl SceneBuffers {
         ]
     }
 
+    /// Bytes of what rays walk: nodes, vertices in leaf order, and what hits need to know of a triangle.
+    pub fn tree_bytes(&self) -> usize {
+        self.nodes.bytes() + self.leaves.bytes() + self.triangles.bytes()
+    }
+
     /// Every buffer that exists, with its size.
     pub fn bytes(&self) -> Vec<BufferBytes> {
         let of = |name, bytes| Some(BufferBytes { name, bytes });

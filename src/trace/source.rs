@@ -54,7 +54,8 @@ pub fn options(features: &Features, tree_depth: u32) -> String {
     for (name, on) in features.defines() {
         options += &format!(" -D {name}={}", u32::from(on));
     }
-    // Seven siblings wait at every level. Rounded up, so that scenes share built kernels.
-    let entries = (tree_depth * 7 + 1).next_multiple_of(64);
+    // Seven siblings wait at every level, and eight are written where some count. Rounded up, so that scenes
+    // share built kernels.
+    let entries = (tree_depth * 7 + 9).next_multiple_of(64);
     options + &format!(" -D STACK_SIZE={entries}")
 }

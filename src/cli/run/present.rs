@@ -89,6 +89,8 @@ impl Presentation<'_> {
             match self.on_runtime(found, &mut run) {
                 Ok(()) => break,
                 Err(Fault::Fatal(error)) => return Err(error),
+                // What is lost when nothing is left to be shown needs no other runtime.
+                Err(_) if self.is_over(&run.stats) => break,
                 Err(lost) => {
                     in_vain = if run.stats.frames > before { 0 } else { in_vain + 1 };
                     if in_vain >= MOST_LOSSES {
@@ -101,6 +103,12 @@ impl Presentation<'_> {
             }
         }
         Ok(run.told.summary(&run.stats))
+    }
+
+    /// Whether all pictures were shown, or the operator wants to leave.
+    fn is_over(&self, stats: &Stats) -> bool {
+        let enough = self.frames.is_some_and(|frames| stats.frames >= u64::from(frames));
+        enough || self.stop.load(Ordering::Relaxed)
     }
 
     /// Waits for the runtime and its headset; `None` where the operator wants to leave first.
@@ -175,8 +183,7 @@ impl Presentation<'_> {
 
     fn frames(&self, stage: &mut Stage, session: &mut Session, run: &mut Run) -> Outcome<()> {
         loop {
-            let enough = self.frames.is_some_and(|frames| run.stats.frames >= u64::from(frames));
-            if enough || self.stop.load(Ordering::Relaxed) {
+            if self.is_over(&run.stats) {
                 session.request_exit();
             }
             match session.next_frame()? {

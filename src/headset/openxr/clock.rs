@@ -10,8 +10,8 @@ const LONGEST_GAP: i64 = 10_000_000_000;
 /// Follows predicted display times: gives poses a time to be asked for, and counts what was dropped.
 ///
 /// Runtimes have been seen to predict wrong periods in their first frames, and times that are negative,
-/// stand still or go back. Such a time is still handed back when the frame ends, as the runtime wants it,
-/// but poses are asked for a time one period after the last good one.
+/// stand still or go back. A time that goes back is still handed back when the frame ends, as the runtime
+/// wants it, but poses are asked for a time one period after the last good one.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameClock {
     period: Option<i64>,

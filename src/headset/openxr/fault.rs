@@ -40,6 +40,15 @@ impl Fault {
         }
     }
 
+    /// The same where a new session may mend it: swapchains and layers that are refused are made anew with
+    /// it.
+    pub(super) fn spoilt(self) -> Fault {
+        match self {
+            Fault::Fatal(error) => Fault::Session(error.to_string()),
+            lost => lost,
+        }
+    }
+
     /// What happened, and the next step.
     pub fn sentence(&self) -> String {
         match self {

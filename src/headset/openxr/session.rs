@@ -209,8 +209,10 @@ impl Session {
 
     fn begin(&mut self, state: xr::FrameState) -> Outcome<Frame> {
         self.stream.begin().called("xrBeginFrame")?;
-        let display_time = state.predicted_display_time;
-        let time = self.clock.frame(display_time.as_nanos(), state.predicted_display_period.as_nanos());
+        let predicted = state.predicted_display_time.as_nanos();
+        let time = self.clock.frame(predicted, state.predicted_display_period.as_nanos());
+        // Zero and less are no times, and xrEndFrame refuses them even where they came from the runtime.
+        let display_time = xr::Time::from_nanos(if predicted > 0 { predicted } else { time });
         let should_render = state.should_render && self.exit.is_none();
         Ok(Frame { time, should_render, began: Instant::now(), display_time })
     }
@@ -341,7 +343,8 @@ impl Session {
             .collect();
         let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
         let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
-        self.stream.end(frame.display_time, self.blend, layers).called("xrEndFrame")?;
+        let ended = self.stream.end(frame.display_time, self.blend, layers).called("xrEndFrame");
+        ended.map_err(Fault::spoilt)?;
         let now =
             self.instance.exts().khr_convert_timespec_time.as_ref().and_then(|_| self.instance.now().ok());
         Ok(match now {

@@ -78,8 +78,12 @@ impl ViewImages {
     /// # Errors
     /// Where the runtime refuses: then the session is built anew.
     pub fn acquire(&mut self) -> Outcome<&Target> {
-        let index = self.chain.acquire_image().called("xrAcquireSwapchainImage").map_err(spoilt)? as usize;
-        self.chain.wait_image(xr::Duration::INFINITE).called("xrWaitSwapchainImage").map_err(spoilt)?;
+        let index =
+            self.chain.acquire_image().called("xrAcquireSwapchainImage").map_err(Fault::spoilt)? as usize;
+        self.chain
+            .wait_image(xr::Duration::INFINITE)
+            .called("xrWaitSwapchainImage")
+            .map_err(Fault::spoilt)?;
         self.acquired = Some(index);
         self.targets.get(index).ok_or_else(|| Fault::Session(format!("there is no swapchain image {index}")))
     }
@@ -90,7 +94,7 @@ impl ViewImages {
     /// As [`ViewImages::acquire`].
     pub fn release(&mut self) -> Outcome<()> {
         match self.acquired.take() {
-            Some(_) => self.chain.release_image().called("xrReleaseSwapchainImage").map_err(spoilt),
+            Some(_) => self.chain.release_image().called("xrReleaseSwapchainImage").map_err(Fault::spoilt),
             None => Ok(()),
         }
     }
@@ -105,13 +109,5 @@ impl ViewImages {
     /// Pixels across and down.
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
-    }
-}
-
-/// Swapchains that fail are made anew with their session.
-fn spoilt(fault: Fault) -> Fault {
-    match fault {
-        Fault::Fatal(error) => Fault::Session(error.to_string()),
-        lost => lost,
     }
 }
