@@ -128,7 +128,8 @@ fn a_service_that_dies_and_comes_back_is_waited_for() {
     assert_eq!((&told["frames"], &told["losses"]), (&json!(60), &json!(1)), "{told} {said}");
     assert!(said.contains("waiting for it to come back") && said.contains("is back"), "{said}");
     let counted = monado.calls("compositor_layer_sync");
-    assert!((1..=50).contains(&counted), "{counted} pictures after the service came back");
+    // The tenth may have been on its way when the service died: then nobody has counted it as shown.
+    assert!((1..=51).contains(&counted), "{counted} pictures after the service came back");
 }
 
 /// The left eye's angles to left, right, up and down: wider outwards and downwards.
