@@ -96,7 +96,7 @@ fn warped(at: vec2<u32>) -> vec2<u32> {
     let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
     var found = traced_pixel(direction);
     for (var step = 0; step < WARP_STEPS; step++) {
-        let depth = bitcast<f32>(visibility[(found.y - parameters.first_row) * parameters.width + found.x].y);
+        let depth = bitcast<f32>(visibility[place_in_band(found)].y);
         if !(depth > 0.0) {
             return found;
         }
@@ -113,7 +113,7 @@ fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     if warp[0].offset.w != 0.0 {
         at = traced_pixel(shown_direction(at));
     }
-    let pixel = (at.y - parameters.first_row) * parameters.width + at.x;
+    let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
     var radiance = vec3(0.0);
     var sum = 0.0;
@@ -156,6 +156,8 @@ const SHARE_OF_HOLES = 1e-10;
 // Samples' specular light is divided by F0, or by this where that is less.
 const LEAST_F0 = 1e-3;
 const PI = 3.14159265;
+// The exponent in an emission's place that marks the normal with its map: MAPPED_NORMAL in src/layout.rs.
+const MAPPED_NORMAL_EXPONENT = 1u;
 // Half the sun's angular radius, by which a disc widens a highlight.
 const SUN_RADIUS = 0.0023;
 // With less weight than this on its own surface, a pixel looks at more samples.
@@ -197,14 +199,15 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
 // the highlight (Karis 2013).
 fn sunlight(record: vec4<u32>, visible: f32, surface: Surface, diffuse: vec3<f32>, f0: vec3<f32>) -> vec3<f32> {
     let towards = vec3(parameters.rays.corner.w, parameters.rays.across.w, parameters.rays.down.w);
-    let cosine = dot(surface.normal, towards);
+    let normal = select(surface.normal, unpack_normal24(record.w), record.w >> 26u == MAPPED_NORMAL_EXPONENT);
+    let cosine = dot(normal, towards);
     if visible * cosine <= 0.0 {
         return vec3(0.0);
     }
     let view = -normalize(surface.point);
     let half_way = normalize(view + towards);
-    let nv = max(dot(surface.normal, view), 1e-4);
-    let nh = clamp(dot(surface.normal, half_way), 0.0, 1.0);
+    let nv = max(dot(normal, view), 1e-4);
+    let nh = clamp(dot(normal, half_way), 0.0, 1.0);
     let vh = clamp(dot(view, half_way), 0.0, 1.0);
     let roughness = unpack_roughness(record.z);
     let alpha = clamp(roughness * roughness + SUN_RADIUS, 1e-3, 1.0);
@@ -217,16 +220,46 @@ fn sunlight(record: vec4<u32>, visible: f32, surface: Surface, diffuse: vec3<f32
     return brdf * (visible * cosine) * vec3(parameters.sun_red, parameters.sun_green, parameters.sun_blue);
 }
 
+// A pixel at an edge shows one of its neighbours' surfaces too: `share` of it.
+struct Edge {
+    step: vec2<i32>,
+    share: f32,
+}
+
+fn edge_of(normal: u32) -> Edge {
+    let neighbour = normal >> 24u & 7u;
+    let place = vec2<i32>(i32(neighbour + (neighbour >> 2u)));
+    return Edge(place % vec2(3, 9) / vec2(1, 3) - vec2(1), f32(normal >> 27u & 15u) / 15.0);
+}
+
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let at = warped(view_pixel(position));
-    let pixel = (at.y - parameters.first_row) * parameters.width + at.x;
+    let edge = edge_of(visibility[place_in_band(at)].x);
+    let neighbour = vec2<u32>(vec2<i32>(at) + edge.step);
+    // A neighbour beyond the band is not known here.
+    let shared_row = neighbour.y - parameters.first_row < parameters.rows;
+    let share = select(0.0, edge.share, shared_row);
+    var radiance = vec3(0.0);
+    for (var i = 0u; i < select(1u, 2u, share > 0.0); i++) {
+        let own = i == 0u;
+        radiance += select(share, 1.0 - share, own) * guided_radiance(select(neighbour, at, own));
+    }
+    return encode(radiance);
+}
+
+fn place_in_band(at: vec2<u32>) -> u32 {
+    return (at.y - parameters.first_row) * parameters.width + at.x;
+}
+
+fn guided_radiance(at: vec2<u32>) -> vec3<f32> {
+    let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
     let record = visibility[pixel];
     let depth = bitcast<f32>(record.y);
     let emission = unpack_emission(record.w);
     if !(depth > 0.0) {
-        return encode(emission);
+        return emission;
     }
     let place = vec2<f32>(at);
     let point = point_at(parameters.rays, place.x, place.y, depth);
@@ -253,5 +286,5 @@ fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let diffuse = base * (1.0 - metalness);
     let visible = select(f32(surface.sun_centre), light.sun / light.sun_sum, light.sun_sum > 0.02);
     let reflected = diffuse * light.first + specular * light.second;
-    return encode(reflected * scale + sunlight(record, visible, surface, diffuse, specular) + emission);
+    return reflected * scale + sunlight(record, visible, surface, diffuse, specular) + emission;
 }

@@ -45,13 +45,13 @@ __kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, uin
     if (waiting)
         atomic_add(&counters[0], (uint)popcount(waiting));
     while (waiting) {
-        uint leader = 63u - (uint)clz(waiting & (0ul - waiting));
+        uint leader = lowest_bit64(waiting);
         float limit = widths[leader] * BEAM_WIDTH;
         Beam beam;
         start_beam(&beam, origins[leader], sun);
         uint members[BEAM_RAYS];
         for (ulong left_over = waiting; left_over; left_over &= left_over - 1ul) {
-            uint i = 63u - (uint)clz(left_over & (0ul - left_over));
+            uint i = lowest_bit64(left_over);
             float3 q = origins[i] - origins[leader];
             float along = dot3(q, sun);
             if (dot3(q, q) - along * along > limit * limit)

@@ -9,7 +9,8 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
     return record;
 }
 
-// Normals are those of vertices, without normal maps, as in SampleRecord: they tell surfaces apart.
+// Normals are those of vertices, without normal maps, as in SampleRecord: they tell surfaces apart. With
+// the map they are needed for the sun's light, which only pixels know.
 static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, float3 d, float depth)
 {
     __global const Material *material = spot->facet->material;
@@ -29,8 +30,14 @@ static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, floa
         metallic *= mr.z;
     }
 #endif
-    VisibilityRecord record = {pack_normal24(face_viewer(smooth_normal(spot), d, spot->facet->geometric)), depth,
+    float3 smooth = smooth_normal(spot);
+    VisibilityRecord record = {pack_normal24(face_viewer(smooth, d, spot->facet->geometric)), depth,
                                pack_albedo(base, metallic, roughness), pack_emission(emission)};
+#if HAS_SUN && HAS_NORMAL_MAPS
+    // What shines itself needs the sun's shading less than its own light.
+    if (material->textures[2].texture != NONE && record.emission == 0u)
+        record.emission = MAPPED_NORMAL | pack_normal24(face_viewer(mapped_normal(scene, spot, smooth), d, spot->facet->geometric));
+#endif
     return record;
 }
 

@@ -1,23 +1,32 @@
 #!/usr/bin/env bash
 # Installs the system packages that foveate needs on Debian and Ubuntu:
-#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe)
+#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe), and keyboards of windows
 #   scripts/install-packages.sh test    the same, and what the tests start
+#   scripts/install-packages.sh bench   the same as demo, and what benchmarks compare with (Embree 4, a C++ compiler)
+#   scripts/install-packages.sh hid     the virtual machine of scripts/test-hid.sh
 # Does nothing when all of them are there; uses sudo where it is not run by root.
 set -euo pipefail
 
-demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1)
+demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
 test=("${demo[@]}" vulkan-validationlayers libopenxr-loader1 openxr-layer-corevalidation xvfb x11-apps)
+bench=("${demo[@]}" libembree-dev g++)
+hid=(qemu-system-x86 binutils xz-utils)
+# The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.
+{ . /etc/os-release; } 2>/dev/null || true
+[[ "${ID:-}" == ubuntu ]] || test+=(chromium)
 # An OpenXR runtime with a simulated headset: its service, and what it loads into programs.
 monado=(monado-service libopenxr1-monado)
 # Where it goes on Debian 12, which has none.
 monado_folder=/usr/local/lib/foveate-monado
-# What the program and its tests need newer than Debian 12 has it, and from which version on.
-declare -A floors=([pocl-opencl-icd]=6 [mesa-vulkan-drivers]=25 [libopenxr-loader1]=1.1 [openxr-layer-corevalidation]=1.1)
+# What the program, its tests and its benchmarks need newer than Debian 12 has it, and from which version on.
+declare -A floors=([pocl-opencl-icd]=6 [mesa-vulkan-drivers]=25 [libopenxr-loader1]=1.1 [openxr-layer-corevalidation]=1.1 [libembree-dev]=4)
 
 case "${1:-demo}" in
   demo) wanted=("${demo[@]}"); monado=() ;;
   test) wanted=("${test[@]}") ;;
-  *) echo "usage: $0 [demo|test]" >&2; exit 2 ;;
+  bench) wanted=("${bench[@]}"); monado=() ;;
+  hid) wanted=("${hid[@]}"); monado=() ;;
+  *) echo "usage: $0 [demo|test|bench|hid]" >&2; exit 2 ;;
 esac
 
 if ! command -v apt-get >/dev/null; then
@@ -25,7 +34,6 @@ if ! command -v apt-get >/dev/null; then
   exit 0
 fi
 
-. /etc/os-release
 trixie_list=/etc/apt/sources.list.d/foveate-trixie.list
 # Once it has a few packages of Debian 13, Debian 12 calls itself so.
 old_debian=no

@@ -1,8 +1,11 @@
 //! Typed settings: defaults, a file, `--set key=value`, flags; later ones win. Unknown keys are refused.
 //! A configuration is validated once and then only read.
 
+mod budget;
+
 use std::path::{Path, PathBuf};
 
+pub use budget::{BudgetConfig, OperatingPoint, TargetMs};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
@@ -26,10 +29,14 @@ pub struct Config {
     pub reconstruction: ReconstructionConfig,
     /// Light from infinitely far.
     pub environment: EnvironmentConfig,
+    /// How long a frame may take.
+    pub budget: BudgetConfig,
     /// Which devices are used.
     pub devices: DevicesConfig,
     /// What is done in a headset.
     pub headset: HeadsetConfig,
+    /// The Rift DK1.
+    pub dk1: Dk1Config,
 }
 
 /// The picture: size, camera, stereo, exposure.
@@ -73,12 +80,25 @@ pub struct FoveationConfig {
 }
 
 /// A number of samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Samples {
     /// One at each pixel.
     Full,
     /// This many.
     Count(usize),
+    /// This share of the pixels, above 0 and up to 1.
+    Share(f64),
+}
+
+impl Samples {
+    /// How many there are in a view with so many pixels: at least 1.
+    pub fn of(self, pixels: usize) -> usize {
+        match self {
+            Samples::Full => pixels,
+            Samples::Count(count) => count.min(pixels).max(1),
+            Samples::Share(share) => ((pixels as f64 * share).round() as usize).min(pixels).max(1),
+        }
+    }
 }
 
 impl Serialize for Samples {
@@ -86,6 +106,7 @@ impl Serialize for Samples {
         match self {
             Samples::Full => serializer.serialize_str("full"),
             Samples::Count(count) => serializer.serialize_u64(*count as u64),
+            Samples::Share(share) => serializer.serialize_f64(*share),
         }
     }
 }
@@ -96,12 +117,16 @@ impl<'de> Deserialize<'de> for Samples {
         #[serde(untagged)]
         enum Raw {
             Count(u64),
+            Share(f64),
             Name(String),
         }
         match Raw::deserialize(deserializer) {
             Ok(Raw::Count(count)) if count > 0 => Ok(Samples::Count(count as usize)),
+            Ok(Raw::Share(share)) => Ok(Samples::Share(share)),
             Ok(Raw::Name(name)) if name == "full" => Ok(Samples::Full),
-            _ => Err(serde::de::Error::custom("give a number of samples above 0, or \"full\"")),
+            _ => Err(serde::de::Error::custom(
+                "give a number of samples above 0, a share of the pixels such as 0.05, or \"full\"",
+            )),
         }
     }
 }
@@ -114,6 +139,8 @@ pub struct TraceConfig {
     pub rays: u32,
     /// Further bounces of light.
     pub bounces: u32,
+    /// More camera rays in each pixel where guided reconstruction finds an edge; 0 leaves edges jagged.
+    pub edge_rays: u32,
     /// Seed of the random numbers: the same picture for the same seed on the same device.
     pub seed: u32,
 }
@@ -241,6 +268,22 @@ impl Default for HeadsetConfig {
     }
 }
 
+/// The Rift DK1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dk1Config {
+    /// Pixels of the undistorted pictures for one of the panel's at the lenses' centres.
+    pub resolution: f64,
+    /// The folder where what is learned of each tracker is kept; empty for the user's state folder.
+    pub memory: PathBuf,
+}
+
+impl Default for Dk1Config {
+    fn default() -> Self {
+        Dk1Config { resolution: 1.0, memory: PathBuf::new() }
+    }
+}
+
 impl Default for ViewConfig {
     fn default() -> Self {
         ViewConfig { width: 1280, height: 800, stereo: Stereo::Mono, ipd: 0.064, fov_y: 70.0, exposure: 0.0 }
@@ -255,7 +298,7 @@ impl Default for FoveationConfig {
 
 impl Default for TraceConfig {
     fn default() -> Self {
-        TraceConfig { rays: 32, bounces: 0, seed: 0 }
+        TraceConfig { rays: 32, bounces: 0, edge_rays: 2, seed: 0 }
     }
 }
 
@@ -458,8 +501,13 @@ impl Config {
         range("view.fov_y", view.fov_y, 1.0, 175.0)?;
         range("view.exposure", view.exposure, -40.0, 40.0)?;
         self.foveation.law.validate()?;
+        if let Samples::Share(share) = self.foveation.samples {
+            budget::check_share("foveation.samples", share)?;
+        }
+        self.budget.check()?;
         whole("trace.rays", self.trace.rays, 1, 4096)?;
         whole("trace.bounces", self.trace.bounces, 0, 4)?;
+        whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;
         whole("reconstruction.k", self.reconstruction.k, 1, 16)?;
         let environment = &self.environment;
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;
@@ -468,7 +516,8 @@ impl Config {
         range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)?;
         range("headset.refresh_hz", self.headset.refresh_hz, 0.0, 1000.0)?;
         range("headset.speed", self.headset.speed, 0.0, 100.0)?;
-        range("headset.turn_degrees", self.headset.turn_degrees, 0.0, 360.0)
+        range("headset.turn_degrees", self.headset.turn_degrees, 0.0, 360.0)?;
+        range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)
     }
 
     /// Memory for pixels is reserved before anything is traced, so absurd numbers are refused first.

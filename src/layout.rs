@@ -81,13 +81,14 @@ macro_rules! shared_structs {
 }
 
 /// Constants that kernels share.
-fn constants() -> [(&'static str, u32); 5] {
+fn constants() -> [(&'static str, u32); 6] {
     [
         ("LEAF", crate::bvh::wide::LEAF),
         ("EMPTY", crate::bvh::wide::EMPTY),
         ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
         ("SUN_VISIBLE", SUN_VISIBLE),
+        ("MAPPED_NORMAL", MAPPED_NORMAL),
     ]
 }
 
@@ -95,8 +96,10 @@ fn constants() -> [(&'static str, u32); 5] {
 pub const TRIANGLE_ALPHA: u32 = 1 << 26;
 /// Seen from behind too.
 pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
-/// In [`VisibilityRecord::normal`]: all of the sun is visible.
-pub const SUN_VISIBLE: u32 = 0xff00_0000;
+/// In [`VisibilityRecord::normal`]: the sun's centre is visible.
+pub const SUN_VISIBLE: u32 = 1 << 31;
+/// In [`VisibilityRecord::emission`]: an exponent that no emission has (see [`pack_emission`]) marks a normal.
+pub const MAPPED_NORMAL: u32 = 1 << 26;
 /// Materials at most: what [`Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 20;
 
@@ -127,15 +130,17 @@ pub struct SampleRecord {
 /// What dense visibility knows of a pixel: 16 bytes.
 pub struct VisibilityRecord {
     /// World-space normal, as in [`SampleRecord::normal`] (the map's would make neighbours on one surface
-    /// look strange to each other), but two 12-bit snorms in the low 24 bits; in the high byte the sun's
-    /// visibility as an 8-bit unorm.
+    /// look strange to each other), in the low 24 bits. At an edge, bits 24 to 26 name one of the eight
+    /// neighbours, counted row by row, and bits 27 to 30 the part of the pixel that this neighbour's
+    /// surface fills, as a 4-bit unorm. Bit 31 is [`SUN_VISIBLE`].
     pub normal: u32,
     /// View-space depth (-z) of the hit in metres; 0 where the background is seen.
     pub depth: f32,
     /// Base colour, three 8-bit unorms of its square root (R in the low byte), then metalness (low)
     /// and perceptual roughness (high) as 4-bit unorms in the high byte, both of the nearest texel.
     pub albedo: u32,
-    /// Emitted radiance, or the background's: see [`pack_emission`].
+    /// Emitted radiance, or the background's: see [`pack_emission`]. With a sun, a surface that has a normal
+    /// map and emits nothing has [`MAPPED_NORMAL`] here, and in the low 24 bits the normal with its map.
     pub emission: u32,
 }
 

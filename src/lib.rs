@@ -19,6 +19,7 @@ pub mod reference;
 pub mod gpu;
 
 pub mod reconstruct;
+pub mod speed;
 pub mod trace;
 
 pub mod headset;
@@ -26,6 +27,8 @@ pub mod headset;
 pub mod frame;
 
 pub mod measure;
+
+pub mod trade;
 
 pub mod cli;
 

@@ -42,6 +42,13 @@ fn config(method: Method, samples: Samples, rays: u32) -> Config {
     config
 }
 
+/// Like [`config`], with edges as jagged as those of `full`.
+fn jagged(method: Method, samples: Samples, rays: u32) -> Config {
+    let mut config = config(method, samples, rays);
+    config.trace.edge_rays = 0;
+    config
+}
+
 /// A small block town under the default sky, `scale` times as large.
 fn town(scale: f32) -> Loaded {
     let bytes = voxel_town::generate(20_000, 1).unwrap();
@@ -88,7 +95,7 @@ fn both_reconstructions_come_close_to_the_full_picture() {
     let loaded = town(1.0);
     let plan = Plan::mono(view(&loaded));
     let render = |method, samples, plan: &Plan| {
-        picture(&mut renderer(&machine, &loaded, &config(method, samples, 128)), plan, &[])
+        picture(&mut renderer(&machine, &loaded, &jagged(method, samples, 128)), plan, &[])
     };
     let full = render(Method::KNearest, Samples::Full, &plan);
     let third = Samples::Count((WIDTH * HEIGHT / 3) as usize);
@@ -111,6 +118,39 @@ fn both_reconstructions_come_close_to_the_full_picture() {
     println!("turned by 0.1 rad: {other:.1} dB");
     assert!(other < 18.0, "{other}");
     assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
+}
+
+/// A third of the samples and smooth edges are nearer to what many rays a pixel show than a sample in every
+/// pixel is.
+#[test]
+fn smooth_edges_are_worth_more_than_samples() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let plan = Plan::mono(view(&loaded));
+    let third = Samples::Count((WIDTH * HEIGHT / 3) as usize);
+    let mut full = renderer(&machine, &loaded, &config(Method::KNearest, Samples::Full, 32));
+    let naive = picture(&mut full, &plan, &[]);
+    full.set_jitter(true);
+    let mut sum = vec![[0.0f32; 3]; naive.pixels.len()];
+    for seed in 0..32 {
+        full.frame(&plan, &[], seed).unwrap();
+        let pass: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&full.picture().unwrap());
+        for (total, pixel) in sum.iter_mut().zip(pass) {
+            (0..3).for_each(|c| total[c] += pixel[c] / 32.0);
+        }
+    }
+    let reference = Picture::new(WIDTH, HEIGHT, sum).unwrap();
+    let guided = |config: &Config| picture(&mut renderer(&machine, &loaded, config), &plan, &[]);
+    let found = [
+        psnr(&naive, &reference),
+        psnr(&guided(&jagged(Method::Guided, third, 32)), &reference),
+        psnr(&guided(&config(Method::Guided, third, 32)), &reference),
+    ];
+    println!(
+        "PSNR: full {:.1}, guided with jagged edges {:.1}, guided {:.1} dB",
+        found[0], found[1], found[2]
+    );
+    assert!(found[2] > found[0] + 1.0 && found[2] > found[1] + 1.0, "{found:?}");
 }
 
 /// Eyes whose fields of view overlap by three quarters, before a town so large that they see the same.

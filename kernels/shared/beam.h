@@ -159,7 +159,7 @@ static ulong meet_leaf_with_beam(const Scene *scene, const Beam *b, uint first, 
         hits |= meet_beam_lane(&leaf, lane, b, lit & ~hits, doubtful, &open);
     }
     for (open &= ~hits; open; open &= open - 1ul) {
-        uint ray = 63u - (uint)clz(open & (0ul - open));
+        uint ray = lowest_bit64(open);
         if (meet_leaf_alone(scene, b, first, n, ray, seed))
             hits |= 1ul << ray;
     }

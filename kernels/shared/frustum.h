@@ -56,16 +56,22 @@ static float8 along(const Plane *plane, const float8 planes[6], uint flip)
                    plane->normal.z * planes[plane->inmost[2] ^ flip]));
 }
 
-// The block of pixels from (left, top) on: its rays, some of which may lie outside the picture.
-static void set_block(Block *b, const Camera *camera, uint left, uint top)
+static void set_block_ray(Block *b, uint i, float3 d)
+{
+    ((float *)b->dx)[i] = d.x;
+    ((float *)b->dy)[i] = d.y;
+    ((float *)b->dz)[i] = d.z;
+}
+
+static float3 block_ray(const Block *b, uint i)
+{
+    return (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
+}
+
+// The frustum of the pixels from (left, top) on, whose rays have hit nothing yet.
+static void bound_block(Block *b, const Camera *camera, uint left, uint top)
 {
     for (uint y = 0; y < BLOCK; ++y) {
-        for (uint x = 0; x < BLOCK; ++x) {
-            float3 d = camera_ray(camera, left + x, top + y);
-            ((float *)&b->dx[y])[x] = d.x;
-            ((float *)&b->dy[y])[x] = d.y;
-            ((float *)&b->dz[y])[x] = d.z;
-        }
         b->t_max[y] = INFINITY;
         b->triangle[y] = NONE;
     }
@@ -83,6 +89,14 @@ static void set_block(Block *b, const Camera *camera, uint left, uint top)
     b->sides[2] = plane_along(up + back * least.y);
     b->sides[3] = plane_along(-up - back * most.y);
     b->front = plane_along(normalize(right * (from.x + to.x) * 0.5f + up * (from.y + to.y) * 0.5f - back));
+}
+
+// One ray for each pixel from (left, top) on; some may lie outside the picture.
+static void set_block(Block *b, const Camera *camera, uint left, uint top)
+{
+    bound_block(b, camera, left, top);
+    for (uint i = 0; i < BLOCK * BLOCK; ++i)
+        set_block_ray(b, i, camera_ray(camera, left + i % BLOCK, top + i / BLOCK));
 }
 
 // The farthest that any ray still has to look.
@@ -165,10 +179,9 @@ static void meet_leaf_with_block(const Scene *scene, const Leaf *leaf, uint firs
         open |= meet_lane(scene, leaf, lane, first + lane, b);
     }
     while (open) {
-        uint i = 63u - (uint)clz(open & (0ul - open));
+        uint i = lowest_bit64(open);
         open &= open - 1ul;
-        float3 d = (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
-        meet_leaf(scene, leaf, first, n, d, (float *)b->t_max + i, (uint *)b->triangle + i, CLOSEST_FRONT, seed);
+        meet_leaf(scene, leaf, first, n, block_ray(b, i), (float *)b->t_max + i, (uint *)b->triangle + i, CLOSEST_FRONT, seed);
     }
 }
 

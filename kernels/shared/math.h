@@ -41,6 +41,7 @@ static void frame_around(float3 n, float3 *t, float3 *b)
 }
 
 static uint lowest_bit(uint v) { return 31u - clz(v & (0u - v)); }
+static uint lowest_bit64(ulong v) { return 63u - (uint)clz(v & (0ul - v)); }
 
 static uint snorm16(float v) { return (uint)(int)floor(clamp(v, -1.0f, 1.0f) * 32767.0f + 0.5f) & 0xffffu; }
 
@@ -64,15 +65,24 @@ static uint pack_normal24(float3 n)
     return ((uint)convert_int_rte(x) & 0xfffu) | ((uint)convert_int_rte(y) & 0xfffu) << 12;
 }
 
-static float3 unpack_normal(uint packed)
+static float3 unfold_octahedron(float x, float y)
 {
-    float x = max((float)(short)(packed & 0xffffu) / 32767.0f, -1.0f);
-    float y = max((float)(short)(packed >> 16) / 32767.0f, -1.0f);
     float z = 1.0f - fabs(x) - fabs(y);
     float fold = max(-z, 0.0f);
     x -= x >= 0.0f ? fold : -fold;
     y -= y >= 0.0f ? fold : -fold;
     return normalize((float3)(x, y, z));
+}
+
+static float3 unpack_normal(uint packed)
+{
+    return unfold_octahedron(max((float)(short)(packed & 0xffffu) / 32767.0f, -1.0f), max((float)(short)(packed >> 16) / 32767.0f, -1.0f));
+}
+
+static float3 unpack_normal24(uint packed)
+{
+    int x = (int)(packed << 20) >> 20, y = (int)(packed << 8) >> 20;
+    return unfold_octahedron(max((float)x / 2047.0f, -1.0f), max((float)y / 2047.0f, -1.0f));
 }
 
 static uint pack_emission(float3 rgb)

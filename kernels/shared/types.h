@@ -107,4 +107,5 @@ typedef struct {
 #define EMPTY 0xffffffffu
 #define TRIANGLE_ALPHA 0x4000000u
 #define TRIANGLE_DOUBLE_SIDED 0x8000000u
-#define SUN_VISIBLE 0xff000000u
+#define SUN_VISIBLE 0x80000000u
+#define MAPPED_NORMAL 0x4000000u

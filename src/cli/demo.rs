@@ -1,14 +1,15 @@
 //! `foveate demo`: the demo scene in the best headset there is: OpenXR's, or a mock one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
 use super::options::ConfigOptions;
 use super::output;
 use super::run::{Presentation, stop_signal};
+use super::window::Show;
 use crate::config::{Config, Layers, Samples};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
 use crate::headset::openxr::Runtime;
@@ -17,9 +18,20 @@ use crate::scene::{default_viewpoint, generate};
 /// Arguments of `foveate demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
+    /// A glTF 2.0 file, .gltf or .glb, to show instead of the demo scene.
+    scene: Option<PathBuf>,
     /// Folder for pictures, contact sheet, animated preview and frames.jsonl.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
+    /// Show it in a window: the mouse (click first) and WASD move the head, Escape ends.
+    #[arg(long, conflicts_with = "out")]
+    window: bool,
+    /// Render for a headset's lenses and follow its tracker, in a window or on its own monitor: dk1.
+    #[arg(long, value_enum, value_name = "NAME", conflicts_with = "out")]
+    headset: Option<Headset>,
+    /// Frames to show in a window; until it is closed by default.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    frames: Option<u64>,
     #[command(flatten)]
     options: ConfigOptions,
 }
@@ -30,6 +42,24 @@ const SCRIPT_SECONDS: f64 = 6.0;
 const MAX_FRAMES: f64 = 48.0;
 const BUDGET_MS: f64 = 32_000.0;
 
+/// Headsets that are shown in a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Headset {
+    /// The Oculus Rift DK1.
+    Dk1,
+}
+
+/// The scene of a file, or the demo scene.
+///
+/// # Errors
+/// Where the scene or the environment cannot be used.
+pub fn load(scene: Option<&Path>, config: &Config) -> Result<Loaded> {
+    match scene {
+        Some(path) => Loaded::from_file(path, config),
+        None => Loaded::from_glb("the demo scene", &generate::demo::generate(), config),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     let mut defaults = stereo_defaults();
@@ -38,14 +68,20 @@ pub fn run(args: &Args) -> Result<()> {
         *count /= 2;
     }
     let config = args.options.layers(Layers::over(defaults))?.finish()?;
+    if args.window || args.headset.is_some() {
+        let scene = args.scene.as_deref();
+        let show = Show { config: &config, scene, headset: args.headset, frames: args.frames };
+        return show.run(args.options.json);
+    }
+    if args.frames.is_some() {
+        return Err(Error::setting("--frames", "it counts frames of a window; give --window too"));
+    }
     check_out(&args.out)?;
     if let Ok(runtime) = Runtime::connect(config.headset.insets) {
         return in_headset(args, &config, runtime);
     }
-    let (machine, loaded) = rayon::join(
-        || Machine::open(&config.devices),
-        || Loaded::from_glb("the demo scene", &generate::demo::generate(), &config),
-    );
+    let (machine, loaded) =
+        rayon::join(|| Machine::open(&config.devices), || load(args.scene.as_deref(), &config));
     let (machine, loaded) = (machine?, loaded?);
     output::print_warnings(&loaded.warnings);
     let session = Session {
@@ -64,7 +100,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// The same scene in a headset, until the wearer or the operator has seen enough.
 fn in_headset(args: &Args, config: &Config, runtime: Runtime) -> Result<()> {
     let stop = stop_signal()?;
-    let loaded = Loaded::from_glb("the demo scene", &generate::demo::generate(), config)?;
+    let loaded = load(args.scene.as_deref(), config)?;
     output::print_warnings(&loaded.warnings);
     let presentation = Presentation {
         config,

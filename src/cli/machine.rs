@@ -19,9 +19,16 @@ impl Machine {
     /// # Errors
     /// [`Error::NoDevice`] where one is missing, with the next step.
     pub fn open(config: &DevicesConfig) -> Result<Machine> {
+        Self::open_with(config, ContextOptions::default())
+    }
+
+    /// Opens both, the Vulkan device with what a window needs.
+    ///
+    /// # Errors
+    /// As [`Machine::open`].
+    pub fn open_with(config: &DevicesConfig, options: ContextOptions) -> Result<Machine> {
         let wanted = (!config.vulkan.is_empty()).then(|| config.vulkan.clone());
-        let context = Context::new(&ContextOptions { device: wanted, ..Default::default() })?;
-        Self::presenting(context, config)
+        Self::presenting(Context::new(&ContextOptions { device: wanted, ..options })?, config)
     }
 
     /// Opens the device that traces for one that presents.

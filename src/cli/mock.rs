@@ -68,10 +68,7 @@ pub struct Session<'a> {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     let config = args.options.config_over(Layers::over(stereo_defaults()))?;
-    let profile = Profile::named(&args.headset).ok_or_else(|| {
-        let names = Profile::all().map(|p| p.name).join(" or ");
-        Error::setting("--headset", format!("there is no headset {:?} to mock; choose {names}", args.headset))
-    })?;
+    let profile = profile(&args.headset)?;
     check_out(&args.out)?;
     let (machine, loaded) = render::open(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
@@ -87,6 +84,20 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let summary = session.run(|_| args.frames, f64::from(args.frames) / profile.refresh_hz)?;
     summary.print(args.options.config.json)
+}
+
+/// The headset of that name.
+pub fn profile(name: &str) -> Result<Profile> {
+    Profile::named(name).ok_or_else(|| {
+        let names = Profile::all().map(|p| p.name).join(" or ");
+        Error::setting("--headset", format!("there is no headset {name:?} to mock; choose {names}"))
+    })
+}
+
+/// How far the head moves: a small scene would pass through it.
+pub fn reach(loaded: &Loaded) -> f64 {
+    let size = loaded.scene.mesh.bounds().map_or(0.0, |(low, high)| (high - low).length());
+    (f64::from(size) * 0.05).min(0.4)
 }
 
 /// Defaults of commands with a headset: both eyes, from their own viewpoints.
@@ -130,7 +141,7 @@ impl Session<'_> {
             self.config,
             Output::Display,
         )?;
-        let reach = self.reach();
+        let reach = reach(self.loaded);
         let script = |seconds| Script::demo(self.rest, seconds).with_reach(reach);
 
         // Drivers finish building kernels at their first launch: one frame that does not count.
@@ -172,12 +183,6 @@ impl Session<'_> {
 
     fn plan(&self, profile: &Profile, head: Pose) -> Result<Plan> {
         Plan::stereo(profile.views(head), self.config.view.stereo)
-    }
-
-    /// How far the head moves: a small scene would pass through it.
-    fn reach(&self) -> f64 {
-        let size = self.loaded.scene.mesh.bounds().map_or(0.0, |(low, high)| (high - low).length());
-        (f64::from(size) * 0.05).min(0.4)
     }
 }
 

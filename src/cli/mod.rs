@@ -1,8 +1,10 @@
 //! The command line: arguments to a configuration, and one command.
 
+mod bench;
 mod demo;
 mod devices;
 mod machine;
+mod measure;
 mod mock;
 mod options;
 mod output;
@@ -10,6 +12,7 @@ mod render;
 mod run;
 mod scene;
 pub mod tracker;
+mod window;
 
 use clap::{Parser, Subcommand};
 
@@ -25,10 +28,13 @@ pub struct Cli {
 
 const EXAMPLES: &str = "Examples:
   foveate demo                                       the demo scene, in the best headset there is
+  foveate demo --window                              the same in a window; mouse and WASD move the head
+  foveate demo --headset dk1                         the same on a Rift DK1
   foveate render scene.glb --out picture.png         one foveated picture
   foveate render scene.glb --out all.exr --samples full --rays 256
   foveate run scene.glb                              in a headset, through OpenXR
   foveate mock scene.glb --frames 60 --out frames/   a mock headset that follows a script
+  foveate measure scene.glb --out trade --quick      what speed costs in accuracy, as a report
   foveate devices                                    what this machine offers, and what is used
 
 Every setting has a place in configs/default.toml; --config FILE and --set key=value change it,
@@ -42,12 +48,16 @@ enum Command {
     Run(run::Args),
     /// Render a mock headset's frames along a scripted head and gaze path.
     Mock(mock::Args),
+    /// Measure what speed costs in accuracy on this scene and these devices, and write a report.
+    Measure(measure::Args),
     /// Show the demo scene in the best headset there is; a mock one where there is none.
     Demo(demo::Args),
     /// Tell about a scene, or generate one.
     Scene(scene::Args),
     /// Watch, record or replay a Rift DK1's head tracker.
     Tracker(tracker::Args),
+    /// Measure how fast a scene's rays are traced on each OpenCL device.
+    Bench(bench::Args),
     /// List what OpenCL and Vulkan offer here, what is used, and why not the rest.
     Devices(devices::Args),
 }
@@ -62,9 +72,11 @@ impl Cli {
             Command::Render(args) => render::run(&args),
             Command::Run(args) => run::run(&args),
             Command::Mock(args) => mock::run(&args),
+            Command::Measure(args) => measure::run(&args),
             Command::Demo(args) => demo::run(&args),
             Command::Scene(args) => scene::run(&args),
             Command::Tracker(args) => tracker::run(&args),
+            Command::Bench(args) => bench::run(&args),
             Command::Devices(args) => devices::run(&args),
         }
     }

@@ -13,19 +13,33 @@ use crate::scene::viewpoint::default_viewpoint;
 
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct ConfigOptions {
+pub struct Overrides {
     /// Settings from a TOML file like configs/default.toml.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// One setting, such as trace.rays=16. May be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+}
+
+/// Settings from files and `--set`, and how results are printed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfigOptions {
+    #[command(flatten)]
+    overrides: Overrides,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
 }
 
 impl ConfigOptions {
+    /// The defaults under files under assignments.
+    pub fn layers(&self, layers: Layers) -> Result<Layers> {
+        self.overrides.layers(layers)
+    }
+}
+
+impl Overrides {
     /// The defaults under files under assignments.
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.config.iter().try_for_each(|path| layers.file(path))?;
@@ -66,7 +80,7 @@ pub struct RenderOptions {
     /// How sample density falls off: paper, linear-mar, log-polar, uniform, full.
     #[arg(long, value_name = "NAME", help_heading = "Foveation")]
     law: Option<String>,
-    /// Shaded samples in each traced view, at most one a pixel, or "full": one at each pixel.
+    /// Shaded samples in each traced view: a number, a share of the pixels such as 0.05, or "full".
     #[arg(long, value_name = "full|N", help_heading = "Foveation")]
     samples: Option<String>,
     /// Where the eye looks, in 0..1 of the picture (with stereo, of one eye's) from its upper left corner;
@@ -202,7 +216,9 @@ fn named<T: clap::ValueEnum>(value: Option<T>) -> Option<toml::Value> {
 }
 
 fn count_or_name(text: &str) -> toml::Value {
-    text.parse().map_or_else(|_| toml::Value::String(text.to_string()), toml::Value::Integer)
+    let whole = text.parse().map(toml::Value::Integer);
+    let number = || text.parse().map(toml::Value::Float);
+    whole.or_else(|_| number()).unwrap_or_else(|_| toml::Value::String(text.to_string()))
 }
 
 fn point(text: &str) -> Result<DVec3, String> {

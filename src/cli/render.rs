@@ -84,12 +84,17 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// Opens the devices while the scene loads.
 pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded)> {
-    let (machine, loaded) =
-        rayon::join(|| Machine::open(&config.devices), || Loaded::from_file(scene, config));
+    let (machine, loaded) = rayon::join(|| Machine::open(&config.devices), || load(scene, config));
     // What is wrong with the scene comes first: it is the likelier mistake.
     let loaded = loaded?;
-    require_triangles(scene, &loaded)?;
     Ok((machine?, loaded))
+}
+
+/// Loads a scene that has something to show.
+pub fn load(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
+    let loaded = Loaded::from_file(scene, config)?;
+    require_triangles(scene, &loaded)?;
+    Ok(loaded)
 }
 
 /// Refuses a scene without anything to show.

@@ -5,9 +5,10 @@
 
 use std::str::FromStr;
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
+use super::lens::Lens;
 use crate::error::{Error, Result};
 use crate::math::view::View;
 
@@ -283,6 +284,37 @@ impl Density {
                 });
             }
             Form::Level => out.fill(1.0),
+        }
+    }
+
+    /// The same for a view that is seen through a lens: laws of distances in pixels hold on the panel, so
+    /// that what the lens shows smaller gets fewer samples. Laws of angles hold as they are, since a lens
+    /// undoes in angle what it does to the panel.
+    pub(super) fn row_through(&self, lens: &Lens, y: u32, out: &mut [f32]) {
+        if let Form::LinearMar { .. } = self.form {
+            return self.row(y, out);
+        }
+        let gaze = lens.shown((self.gaze - lens.centre()).as_vec2()).0;
+        let start = (DVec2::new(0.5, f64::from(y) + 0.5) - lens.centre()).as_vec2();
+        out.iter_mut().enumerate().for_each(|(x, density)| {
+            let (shown, area) = lens.shown(start + Vec2::X * x as f32);
+            *density = self.form.at_distance(shown.distance_squared(gaze)) * area;
+        });
+    }
+}
+
+impl Form {
+    /// Relative density at a squared distance from the gaze in pixels; 1 for laws of angles.
+    fn at_distance(&self, squared: f32) -> f32 {
+        match *self {
+            Form::Power { least, half_exponent } => {
+                (squared.max(least as f32) / least as f32).powf(half_exponent as f32)
+            }
+            Form::LogPolar { power } => {
+                let squared = squared.max((LEAST_DISTANCE * LEAST_DISTANCE) as f32);
+                (squared.ln() * 0.5).powf(power as f32) / squared
+            }
+            Form::LinearMar { .. } | Form::Level => 1.0,
         }
     }
 }

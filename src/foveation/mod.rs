@@ -2,11 +2,13 @@
 
 pub mod gaze;
 pub mod law;
+pub mod lens;
 pub mod mask;
 mod order;
 pub mod pattern;
 
 pub use gaze::{GazeFilter, GazePoint, GazeSample, GazeState, GazeTarget};
 pub use law::{Density, Law};
+pub use lens::Lens;
 pub use mask::BitMask;
 pub use pattern::Pattern;

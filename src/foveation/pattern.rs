@@ -11,6 +11,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use super::law::{Density, Law};
+use super::lens::Lens;
 use super::mask::BitMask;
 use super::order;
 use crate::math::blue_noise;
@@ -48,7 +49,7 @@ impl Pattern {
     /// # Panics
     /// If a side of the view is above [`MAX_SIDE`].
     pub fn new(view: &View, law: &Law, gaze: DVec2, count: usize) -> Self {
-        Self::choose(view, law, gaze, count, None)
+        Self::choose(view, law, gaze, count, None, None)
     }
 
     /// Like [`Pattern::new`], with no samples at hidden pixels; `count` is clamped to the visible ones.
@@ -61,7 +62,15 @@ impl Pattern {
             (view.width, view.height),
             "mask and view differ in size"
         );
-        Self::choose(view, law, gaze, count, Some(hidden))
+        Self::choose(view, law, gaze, count, Some(hidden), None)
+    }
+
+    /// Like [`Pattern::new`], for a view that is seen through a lens: the law holds on the panel.
+    ///
+    /// # Panics
+    /// As [`Pattern::new`].
+    pub fn through(view: &View, law: &Law, gaze: DVec2, count: usize, lens: &Lens) -> Self {
+        Self::choose(view, law, gaze, count, None, Some(lens))
     }
 
     /// Number of tiles across.
@@ -74,7 +83,14 @@ impl Pattern {
         self.height.div_ceil(TILE)
     }
 
-    fn choose(view: &View, law: &Law, gaze: DVec2, count: usize, hidden: Option<&BitMask>) -> Self {
+    fn choose(
+        view: &View,
+        law: &Law,
+        gaze: DVec2,
+        count: usize,
+        hidden: Option<&BitMask>,
+        lens: Option<&Lens>,
+    ) -> Self {
         assert!(view.width <= MAX_SIDE && view.height <= MAX_SIDE, "view is too large for a pattern");
         let visible = view.pixels() - hidden.map_or(0, BitMask::count);
         let count = if *law == Law::Full { visible } else { count.clamp(1, visible.max(1)).min(visible) };
@@ -85,7 +101,13 @@ impl Pattern {
             let rows = keys.par_chunks_exact_mut(width).enumerate();
             rows.for_each_init(
                 || vec![0.0; width],
-                |densities, (y, keys)| row_keys(&density, y as u32, hidden, densities, keys),
+                |densities, (y, keys)| {
+                    match lens {
+                        Some(lens) => density.row_through(lens, y as u32, densities),
+                        None => density.row(y as u32, densities),
+                    }
+                    row_keys(y as u32, hidden, densities, keys);
+                },
             );
         }
         Self::gather(view, &keys, Limit::of_smallest(&keys, count))
@@ -122,9 +144,8 @@ impl Pattern {
 }
 
 /// Writes the keys of one row: the bits of rank / density, which order like the numbers themselves.
-fn row_keys(density: &Density, y: u32, hidden: Option<&BitMask>, densities: &mut [f32], keys: &mut [u32]) {
+fn row_keys(y: u32, hidden: Option<&BitMask>, densities: &[f32], keys: &mut [u32]) {
     const SIZE: usize = blue_noise::SIZE;
-    density.row(y, densities);
     let ranks = &blue_noise::ranks()[y as usize % SIZE * SIZE..][..SIZE];
     let blocks = keys.chunks_mut(SIZE).zip(densities.chunks(SIZE)).enumerate();
     for (block, (keys, densities)) in blocks {
@@ -240,6 +261,29 @@ mod tests {
         let all = BitMask::from_fn(150, 90, |_, _| true);
         let nothing = Pattern::with_mask(&view, &Law::Full, DVec2::splat(0.4), 10, &all);
         assert!(nothing.samples.is_empty() && nothing.tiles.iter().all(|tile| tile[1] == 0));
+    }
+
+    #[test]
+    fn a_lens_takes_samples_from_where_it_shows_the_picture_smaller() {
+        let view = view(400, 400);
+        let centre = view.optical_centre() * 400.0;
+        // The panel radius is r / (1 + r / 200): a pixel's area shrinks with 1 / (1 + r / 200)^3.
+        let lens = Lens::new(centre, 600.0, |r| (r / (1.0 + r / 200.0), (1.0 + r / 200.0).powi(-2)));
+        let pattern = Pattern::through(&view, &Law::Uniform, view.optical_centre(), 20_000, &lens);
+        assert_eq!(pattern.samples.len(), 20_000);
+        let share = |least: f64, most: f64| {
+            let inside = |x: u32, y: u32| {
+                let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                (least..most).contains(&at.distance(centre))
+            };
+            let taken = pattern.samples.iter().filter(|&&s| inside(s & 0xffff, s >> 16)).count();
+            let all =
+                (0..400).flat_map(|y| (0..400).map(move |x| (x, y))).filter(|&(x, y)| inside(x, y)).count();
+            taken as f64 / all as f64
+        };
+        let ratio = share(95.0, 105.0) / share(0.0, 15.0);
+        let expected = 1.5f64.powi(-3) / (1.0 + 10.0 / 200.0f64).powi(-3);
+        assert!((ratio / expected - 1.0).abs() < 0.12, "{ratio}, {expected}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! A frame, from poses to pixels.
 
+pub mod front;
 pub mod load;
 pub mod log;
 pub mod pipeline;

@@ -9,7 +9,7 @@ use super::load::{Loaded, Step, timed};
 use super::stereo::{Cut, Plan};
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
-use crate::foveation::{BitMask, Law, Pattern};
+use crate::foveation::{BitMask, Law, Lens, Pattern};
 use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image, Target};
@@ -66,6 +66,7 @@ pub struct Renderer {
     context: Context,
     sharing: Sharing,
     law: Law,
+    lenses: Vec<Lens>,
     samples: Samples,
     settings: trace::Settings,
     exposure: f32,
@@ -91,7 +92,8 @@ struct PatternKey {
     height: u32,
     fov: crate::math::view::FieldOfView,
     gaze: DVec2,
-    widening: f64,
+    law: Law,
+    samples: Samples,
     hidden: Option<Arc<BitMask>>,
 }
 
@@ -110,10 +112,10 @@ pub struct Shot<'a> {
 }
 
 impl Shot<'_> {
-    fn key(&self) -> PatternKey {
+    fn key(&self, law: Law, samples: Samples) -> PatternKey {
         let View { width, height, fov, .. } = self.view;
-        let Shot { gaze, widening, .. } = *self;
-        PatternKey { width, height, fov, gaze, widening, hidden: self.hidden.clone() }
+        let law = law.widened(self.widening);
+        PatternKey { width, height, fov, gaze: self.gaze, law, samples, hidden: self.hidden.clone() }
     }
 }
 
@@ -159,6 +161,7 @@ impl Renderer {
             context: context.clone(),
             sharing,
             law: config.foveation.law,
+            lenses: Vec::new(),
             samples: config.foveation.samples,
             settings: trace_settings(config),
             exposure: config.view.exposure as f32,
@@ -267,7 +270,7 @@ impl Renderer {
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
     fn prepare_view(&mut self, index: usize, shot: &Shot) -> Result<f64> {
-        let key = shot.key();
+        let key = shot.key(self.law, self.samples);
         if self.views.get(index).is_some_and(|traced| traced.key == key) {
             return Ok(0.0);
         }
@@ -275,11 +278,12 @@ impl Renderer {
         let view = &shot.view;
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            Samples::Count(count) => (self.law.widened(shot.widening), count),
+            samples => (key.law, samples.of(view.pixels())),
         };
-        let pattern = match &shot.hidden {
-            Some(hidden) => Pattern::with_mask(view, &law, shot.gaze, count, hidden),
-            None => Pattern::new(view, &law, shot.gaze, count),
+        let pattern = match (self.lenses.get(index), &shot.hidden) {
+            (Some(lens), _) => Pattern::through(view, &law, shot.gaze, count, lens),
+            (None, Some(hidden)) => Pattern::with_mask(view, &law, shot.gaze, count, hidden),
+            (None, None) => Pattern::new(view, &law, shot.gaze, count),
         };
         self.take_pattern(index, key, &pattern)?;
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
@@ -336,6 +340,18 @@ impl Renderer {
         self.image.as_ref().map_or(Ok(Vec::new()), Image::read)
     }
 
+    /// The last frame's picture where it was drawn, sRGB encoded with [`Output::Display`]; none before the
+    /// first frame.
+    pub fn target(&self) -> Option<&Target> {
+        self.image.as_ref().map(Image::target)
+    }
+
+    /// Views are seen through these lenses, one for each of them in their order, from the first frame on:
+    /// see [`Pattern::through`].
+    pub fn with_lenses(self, lenses: Vec<Lens>) -> Self {
+        Renderer { lenses, ..self }
+    }
+
     /// How samples get from OpenCL to Vulkan.
     pub fn sharing(&self) -> Sharing {
         self.sharing
@@ -344,6 +360,22 @@ impl Renderer {
     /// The tracing device.
     pub fn tracer(&self) -> &Tracer {
         &self.tracer
+    }
+
+    /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside
+    /// a new pattern, the reconstruction's with new shaders. Scene, environment and exposure stay.
+    ///
+    /// # Errors
+    /// Where the reconstruction's settings cannot be used.
+    pub fn apply(&mut self, config: &Config) -> Result<()> {
+        let reconstruction = reconstruction_settings(config);
+        if *self.reconstruction.settings() != reconstruction {
+            self.reconstruction = Reconstruction::new(&self.context, reconstruction)?;
+            self.views.clear();
+        }
+        self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
+        (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
+        Ok(())
     }
 
     /// Camera rays go through random points of their pixels from now on, or through their centres.
@@ -356,6 +388,7 @@ fn trace_settings(config: &Config) -> trace::Settings {
     trace::Settings {
         rays: config.trace.rays,
         bounces: config.trace.bounces,
+        edge_rays: config.trace.edge_rays,
         guided: config.reconstruction.method == Method::Guided,
         seed: config.trace.seed,
         jitter: false,

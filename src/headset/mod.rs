@@ -3,4 +3,6 @@
 pub mod locomotion;
 pub mod mock;
 pub mod openxr;
+pub mod panel;
 pub mod rift_dk1;
+pub mod walker;

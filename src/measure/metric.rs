@@ -68,6 +68,18 @@ pub fn relative_mse(test: &Picture, reference: &Picture) -> Result<f64> {
     Ok(mean_over(&test.pixels, &reference.pixels, error))
 }
 
+/// Peak signal-to-noise ratio in decibels of the exposed linear pictures, cut off at display white (1), so
+/// that what no screen shows brighter does not outweigh all the rest.
+///
+/// # Errors
+/// [`Error::Setting`] where the sizes differ or a pixel is not finite.
+pub fn psnr_up_to_white(test: &Picture, reference: &Picture, exposure: f32) -> Result<f64> {
+    check(test, reference)?;
+    let gain = f64::from(exposure).exp2();
+    let cut = |value: f64| (value * gain).clamp(0.0, 1.0);
+    Ok(decibels(mean_over(&test.pixels, &reference.pixels, |(a, b)| (cut(a) - cut(b)).powi(2))))
+}
+
 /// Peak signal-to-noise ratio in decibels of two display pictures, peak 1.
 ///
 /// # Errors
@@ -174,6 +186,17 @@ mod tests {
         let brighter =
             compare(&uniform(0.6), &uniform(0.5), Viewing { exposure: -1.0, ..Viewing::default() });
         assert!((brighter.unwrap().psnr_linear - 26.0206).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_is_brighter_than_white_is_white() {
+        let found = |a, b, exposure| psnr_up_to_white(&uniform(a), &uniform(b), exposure).unwrap();
+        assert_eq!(found(7.0, 9e3, 0.0), f64::INFINITY);
+        assert!((found(0.9, 9e3, 0.0) - 20.0).abs() < 1e-4);
+        assert!((found(0.3, 0.25, 1.0) - 20.0).abs() < 1e-4);
+        let mut wrong = picture();
+        wrong.pixels[1000][1] += 0.1;
+        assert!(psnr_up_to_white(&wrong, &picture(), 0.0).unwrap() < 80.0);
     }
 
     #[test]

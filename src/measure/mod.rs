@@ -3,7 +3,9 @@
 pub mod display;
 mod filter;
 pub mod flip;
+pub mod foveated;
 pub mod metric;
+pub mod pairs;
 pub mod picture;
 pub mod stats;
 

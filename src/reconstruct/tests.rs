@@ -122,7 +122,7 @@ fn a_constant_stays_constant() {
         let picture = bench.render(
             |_, _| SampleRecord { first: [2.0, 3.0, 4.0], depth: 5.0, second: [0.5; 3], normal: facing },
             |x, _| {
-                let albedo = colour(x).0 | 15 * metal(x) << 24;
+                let albedo = colour(x).0 | (15 * metal(x)) << 24;
                 VisibilityRecord { normal: facing, depth: 5.0, albedo, emission: 0 }
             },
         );
@@ -187,6 +187,33 @@ fn light_does_not_leak_over_edges() {
     );
     let between = picture.iter().filter(|pixel| (3.0..97.0).contains(&pixel[0])).count();
     assert!(between > 100, "{between}");
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn edges_show_their_share_of_a_neighbour() {
+    let Some(context) = testing::context() else { return };
+    let size = (5, 4);
+    let mut bench = Bench::new(&context, Mode::default(), size, vec![0]);
+    let brightness = |x: u32, y: u32| ((y * 5 + x) * 8) as f32;
+    // Pixel (2, 1) shares 6 fifteenths with each of its neighbours in turn.
+    for neighbour in 0..8 {
+        let picture = bench.render(
+            |_, _| SampleRecord::default(),
+            |x, y| VisibilityRecord {
+                normal: if (x, y) == (2, 1) { neighbour << 24 | 6 << 27 } else { 0 },
+                emission: pack_emission([brightness(x, y); 3]),
+                ..VisibilityRecord::default()
+            },
+        );
+        let place = neighbour + u32::from(neighbour > 3);
+        let mixed = 0.6 * brightness(2, 1) + 0.4 * brightness(1 + place % 3, place / 3);
+        for (index, &pixel) in picture.iter().enumerate() {
+            let (x, y) = (index as u32 % 5, index as u32 / 5);
+            let expected = if (x, y) == (2, 1) { mixed } else { brightness(x, y) };
+            assert_close(pixel, [expected; 3], 1e-5, (neighbour, x, y));
+        }
+    }
     testing::assert_valid(&context);
 }
 

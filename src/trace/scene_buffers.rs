@@ -96,6 +96,9 @@ impl SceneBuffers {
         })
     }
 
+    /// How many arguments a scene is.
+    pub(super) const ARGUMENTS: usize = 15;
+
     /// The kernels' first arguments, in the order of `SCENE_PARAMETERS`.
     pub(super) fn args(&self) -> Vec<Arg<'_>> {
         vec![
@@ -115,6 +118,11 @@ impl SceneBuffers {
             Arg::buffer(&self.environment),
             Arg::buffer(&self.alias),
         ]
+    }
+
+    /// Bytes of what rays walk: nodes, vertices in leaf order, and what hits need to know of a triangle.
+    pub fn tree_bytes(&self) -> usize {
+        self.nodes.bytes() + self.leaves.bytes() + self.triangles.bytes()
     }
 
     /// Every buffer that exists, with its size.

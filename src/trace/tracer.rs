@@ -12,10 +12,10 @@ use super::SceneBuffers;
 use super::source;
 
 /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
-const GROUP: usize = 8;
+pub(super) const GROUP: usize = 8;
 
 /// Pixels across and down that a work-item of `trace_pixels` takes: `BLOCK` of frustum.h.
-const BLOCK: u32 = 8;
+pub(super) const BLOCK: u32 = 8;
 /// Pixels that a work-item of `describe_pixels` takes: `RUN` of visibility.cl.
 const RUN: usize = 16;
 
@@ -26,6 +26,8 @@ pub struct Settings {
     pub rays: u32,
     /// Further bounces, 0 to 4.
     pub bounces: u32,
+    /// More camera rays in each pixel at an edge, 0 to 8; guided settings only.
+    pub edge_rays: u32,
     /// Dense visibility for guided reconstruction, and samples that it can interpolate.
     pub guided: bool,
     /// Seed of the random numbers.
@@ -56,6 +58,7 @@ pub struct Tracer {
     trace_pixels: Kernel,
     trace_samples: Kernel,
     describe_pixels: Kernel,
+    share_edges: Kernel,
     shade_samples: Kernel,
     /// Exists where the environment has a sun.
     light_pixels: Option<Kernel>,
@@ -105,6 +108,7 @@ impl Tracer {
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
+            share_edges: program.kernel("share_edges")?,
             shade_samples: program.kernel("shade_samples")?,
             light_pixels: features.sun.then(|| program.kernel("light_pixels")).transpose()?,
             counters: Buffer::new(device, 2)?,
@@ -162,7 +166,7 @@ impl Tracer {
             ..self.scene.shading
         };
         let trace = match visibility {
-            Some(records) => self.trace_all_pixels(view, &camera, &shading, records)?,
+            Some(records) => self.trace_all_pixels(view, &camera, &shading, settings.edge_rays, records)?,
             None => vec![self.trace_only_samples(&camera, pattern)?],
         };
         let shade = self.shade(&camera, &shading, pattern, visibility, samples)?;
@@ -203,6 +207,7 @@ impl Tracer {
         view: &View,
         camera: &layout::Camera,
         shading: &layout::Shading,
+        edge_rays: u32,
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Vec<Event>> {
         let mut args = self.scene.args();
@@ -232,6 +237,19 @@ impl Tracer {
                 Arg::buffer(&self.counters),
             ]);
             events.push(kernel.launch(&args, blocks, GROUP)?);
+        }
+        if edge_rays > 0 {
+            let mut args = self.scene.args();
+            args.extend([
+                Arg::value(camera),
+                Arg::U32(edge_rays),
+                Arg::U32(0),
+                Arg::U32(view.height),
+                Arg::buffer(&self.hits),
+                Arg::buffer(records),
+                Arg::buffer(&self.counters),
+            ]);
+            events.push(self.share_edges.launch(&args, blocks, GROUP)?);
         }
         Ok(events)
     }
@@ -274,7 +292,7 @@ impl Tracer {
 
 /// A view as kernels see it. The eye's position is split in two floats, so that a head far from the
 /// anchor still moves smoothly.
-fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
+pub(super) fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
     let rotation = glam::DMat3::from_quat(view.world_from_eye.rotation);
     let eye = view.world_from_eye.position - anchor;
     let high = eye.as_vec3();

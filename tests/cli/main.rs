@@ -3,6 +3,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod bench;
+mod measure;
 mod mock;
 mod refusals;
 mod render;

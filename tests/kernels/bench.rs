@@ -24,7 +24,8 @@ pub const EVERYTHING: Features = Features {
 };
 
 /// 32 rays, no bounces, records of radiance.
-pub const PLAIN: Settings = Settings { rays: 32, bounces: 0, guided: false, seed: 1, jitter: false };
+pub const PLAIN: Settings =
+    Settings { rays: 32, bounces: 0, edge_rays: 0, guided: false, seed: 1, jitter: false };
 
 /// Runs a test on every OpenCL device, one test at a time. On machines that promise a device (CI=true) it
 /// is a failure that there is none.

@@ -4,6 +4,7 @@ mod bench;
 mod cases;
 #[path = "../common/mod.rs"]
 mod common;
+mod edges;
 mod hits;
 mod radiance;
 mod records;

@@ -1,7 +1,7 @@
 //! What the kernels write besides radiance: visibility, guided samples, the same bits for the same seed.
 
 use foveate::gpu::opencl::Device;
-use foveate::layout::{SUN_VISIBLE, SampleRecord, unpack_emission, unpack_normal24};
+use foveate::layout::{MAPPED_NORMAL, SUN_VISIBLE, SampleRecord, unpack_emission, unpack_normal24};
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};
@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device, view};
 use crate::cases;
-use crate::scenes::{colourful, cuboid, floor, matt, metal, scene_of, sphere};
+use crate::scenes::{colourful, cuboid, floor, mapped, matt, metal, scene_of, sphere, texture};
 
 const SIZE: (u32, u32) = (48, 32);
 
@@ -122,6 +122,39 @@ fn pixels_see_the_sun_where_the_reference_does() {
         }
         println!("{lit} pixels in the sun, {dark} in shadow, {wrong} judged otherwise");
         assert!(lit > 300 && dark > 40 && wrong * 300 <= lit + dark, "{lit} {dark} {wrong}");
+    });
+}
+
+/// Where the sun shines on a normal map, its record holds both normals: the vertices' and the map's.
+#[test]
+fn mapped_normals_are_those_of_the_reference() {
+    on_every_device(|device| {
+        let bumpy = Material { normal_texture: mapped(0, 0.02), ..matt(0.5) };
+        let mut scene = scene_of(vec![bumpy]);
+        scene
+            .textures
+            .push(texture(false, |i| [90 + 11 * (i % 4) as u8, 100 + 13 * (i / 4) as u8, 230, 255]));
+        floor(&mut scene, 6.0, 0.0, 0);
+        let picture = Bench::new(device, &scene, &cases::floor_under_sky().light).trace(
+            &eye(),
+            &Settings { guided: true, rays: 1, ..PLAIN },
+            &all_pixels(&eye()),
+        );
+        let tracer = Tracer::new(&scene);
+        let (mut checked, mut bent) = (0, 0);
+        for (pixel, record) in picture.visibility.iter().enumerate().filter(|(_, r)| r.depth > 0.0) {
+            let at = DVec2::new((pixel % 48) as f64, (pixel / 48) as f64) + 0.5;
+            let ray = reference::camera_ray(&scene, &eye(), at);
+            let Some(hit) = tracer.closest(&ray, f64::INFINITY) else { continue };
+            let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
+            assert_eq!(record.emission >> 24, MAPPED_NORMAL >> 24, "{pixel}");
+            let found = DVec3::from(unpack_normal24(record.emission).map(f64::from));
+            assert!(found.distance(surface.normal) < 3e-3, "{pixel}: {found} {}", surface.normal);
+            assert!(unpack_normal24(record.normal)[1] > 0.999, "{pixel}");
+            checked += 1;
+            bent += usize::from(surface.normal.y < 0.99);
+        }
+        assert!(checked > 500 && bent > 200, "{checked} {bent}");
     });
 }
 

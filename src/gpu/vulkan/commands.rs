@@ -9,7 +9,7 @@ use ash::vk;
 
 use super::context::Context;
 use super::image::{Target, color_range};
-use super::memory::{BufferRef, HostBuffer};
+use super::memory::BufferRef;
 use super::pipeline::{ComputePipeline, PassPipeline, Pipeline};
 use crate::error::Result;
 
@@ -320,7 +320,7 @@ impl Commands {
         }
     }
 
-    fn transition(&self, image: vk::Image, from: vk::ImageLayout, to: vk::ImageLayout) {
+    pub(super) fn transition(&self, image: vk::Image, from: vk::ImageLayout, to: vk::ImageLayout) {
         let all = vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE;
         let barrier = [vk::ImageMemoryBarrier::default()
             .src_access_mask(all)
@@ -367,12 +367,17 @@ impl Commands {
         self.held.push(target.0.clone());
     }
 
-    /// Copies a target of one's own to host memory that is large enough for it.
-    pub(super) fn copy_target(&mut self, target: &Target, to: &HostBuffer) {
+    /// Copies a target of one's own to a buffer, row after row, without padding.
+    ///
+    /// # Panics
+    /// If the buffer is too small, or pixels of the target's format have no known size.
+    pub fn copy_target(&mut self, target: &Target, to: &BufferRef) {
+        assert!(target.bytes().is_some_and(|bytes| bytes <= to.size()), "the buffer holds the picture");
         let image = target.0.image;
         let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
         self.transition(image, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL, layout);
         let region = [vk::BufferImageCopy::default()
+            .buffer_offset(to.offset)
             .image_subresource(vk::ImageSubresourceLayers {
                 aspect_mask: vk::ImageAspectFlags::COLOR,
                 mip_level: 0,
@@ -380,15 +385,15 @@ impl Commands {
                 layer_count: 1,
             })
             .image_extent(vk::Extent3D { width: target.width(), height: target.height(), depth: 1 })];
-        // SAFETY: image and buffer are held until the commands are done; the buffer was made for the
-        // image's size.
+        // SAFETY: image and buffer are held until the commands are done; the buffer is large enough.
         unsafe {
             let device = &self.context.0.device;
-            device.cmd_copy_image_to_buffer(self.buffer, image, layout, to.0.buffer, &region);
+            let handle = to.allocation.buffer;
+            device.cmd_copy_image_to_buffer(self.buffer, image, layout, handle, &region);
         }
         self.transition(image, layout, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL);
         self.held.push(target.0.clone());
-        self.held.push(to.0.clone());
+        self.hold_buffers(&[to]);
     }
 
     /// Submits what was recorded.

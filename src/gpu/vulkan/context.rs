@@ -95,7 +95,7 @@ pub struct Context(pub(super) Arc<Inner>);
 
 pub(super) struct Inner {
     // The loader stays mapped for as long as its functions are used.
-    _entry: ash::Entry,
+    pub entry: ash::Entry,
     pub instance: ash::Instance,
     pub physical_device: vk::PhysicalDevice,
     pub device: ash::Device,
@@ -195,7 +195,7 @@ impl Context {
         let timestamps = families[queue_family as usize].timestamp_valid_bits >= 32;
         let report = report(&instance, physical_device, &[]);
         Context(Arc::new(Inner {
-            _entry: entry,
+            entry,
             instance,
             physical_device,
             device,

@@ -7,7 +7,7 @@ use ash::vk;
 
 use super::commands::Commands;
 use super::context::Context;
-use super::memory::{HostBuffer, allocate};
+use super::memory::{BufferRef, HostBuffer, allocate};
 use super::pipeline::render_pass;
 use crate::error::{Error, Result};
 
@@ -156,6 +156,11 @@ impl Target {
         self.0.extent.height
     }
 
+    /// Bytes of all pixels, of formats that are read back.
+    pub fn bytes(&self) -> Option<usize> {
+        Some(pixel_bytes(self.format())? * self.width() as usize * self.height() as usize)
+    }
+
     /// The pixels' format.
     pub fn format(&self) -> vk::Format {
         self.0.format
@@ -223,7 +228,7 @@ impl Image {
         let buffer = HostBuffer::new(&self.context, self.size())?;
         let mut commands = Commands::new(&self.context)?;
         commands.begin()?;
-        commands.copy_target(&self.target, &buffer);
+        commands.copy_target(&self.target, &BufferRef::from(&buffer));
         commands.submit()?;
         commands.wait()?;
         Ok(buffer.read(0, self.size()))

@@ -10,6 +10,7 @@ mod context;
 mod image;
 mod memory;
 mod pipeline;
+mod swapchain;
 
 pub use ash::vk::Format;
 pub use commands::{Commands, Rect, StageTime};
@@ -19,6 +20,7 @@ pub use context::{
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
 pub use pipeline::{ComputePipeline, PassPipeline, Shader};
+pub use swapchain::{Shown, Swapchain, Window, window_extensions};
 
 #[cfg(test)]
 pub(crate) mod testing {

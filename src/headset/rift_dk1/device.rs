@@ -57,6 +57,9 @@ const WAITS: Waits = Waits {
     save: Duration::from_secs(60),
 };
 
+/// Seconds without a report after which a tracker counts as not heard.
+const STALE: f64 = 0.25;
+
 /// What the tracker is doing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Status {
@@ -202,6 +205,16 @@ impl Tracker {
         };
         let newest = state.clock.host(state.device_time).unwrap_or(host);
         state.fusion.predicted((host - newest).clamp(0.0, LONGEST_PREDICTION))
+    }
+
+    /// Like [`Tracker::orientation_at`]; none while the tracker is not heard.
+    pub fn heard_orientation_at(&self, time: Instant) -> Option<DQuat> {
+        let heard = {
+            let state = self.shared.lock();
+            let now = self.shared.epoch.elapsed().as_secs_f64();
+            state.status == Status::Connected && state.heard.is_some_and(|heard| now - heard < STALE)
+        };
+        heard.then(|| self.orientation_at(time))
     }
 
     /// All that is known now.

@@ -6,6 +6,8 @@
 pub mod clock;
 pub mod device;
 pub mod fusion;
+pub mod optics;
 pub mod recording;
 pub mod report;
 pub mod simulate;
+pub mod takeover;

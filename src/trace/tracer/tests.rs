@@ -51,7 +51,7 @@ fn check(scene: &Scene) {
         let (width, height) = (317, 203);
         let fov = FieldOfView::symmetric(1.2, f64::from(width) / f64::from(height));
         let view = View { world_from_eye, fov, width, height };
-        let settings = Settings { rays: 1, bounces: 0, guided: false, seed: 5, jitter };
+        let settings = Settings { rays: 1, bounces: 0, edge_rays: 0, guided: false, seed: 5, jitter };
         let (blocks, streams) = hits_both_ways(&mut tracer, &view, settings);
         assert!(blocks.iter().filter(|hit| hit.triangle != u32::MAX).count() > view.pixels() / 4);
         for (pixel, (block, stream)) in blocks.iter().zip(&streams).enumerate() {

@@ -1,0 +1,34 @@
+// Rays of a given list, in bundles of 32 that leave one point, as the light rays of a sample do: what
+// measurements trace.
+
+// Bit k of hidden[i]: ray k of bundle i hits something.
+__kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+                           __global uint *hidden)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i >= count)
+        return;
+    Stream s;
+    for (uint k = 0; k < 32u; ++k)
+        set_ray(&s, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
+    hidden[i] = trace_stream(&scene, gload3(origins + 3u * i), 0.0f, &s, 0xffffffffu, ANY, 0u);
+}
+
+// hits[32 * i + k]: the nearest hit of ray k of bundle i.
+__kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+                           __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i >= count)
+        return;
+    Stream s;
+    for (uint k = 0; k < 32u; ++k)
+        set_ray(&s, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
+    trace_stream(&scene, gload3(origins + 3u * i), 0.0f, &s, 0xffffffffu, CLOSEST_FRONT, 0u);
+    for (uint k = 0; k < 32u; ++k) {
+        HitRecord hit = {s.triangle[k], s.t_max[k]};
+        hits[32u * i + k] = hit;
+    }
+}

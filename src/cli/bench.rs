@@ -1,0 +1,264 @@
+//! `foveate bench`: how fast a scene's rays are traced here.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::machine::choose;
+use super::options::{RenderOptions, eye_fov};
+use super::output;
+use crate::bvh::WideBvh;
+use crate::bvh::wide::Cost;
+use crate::config::Config;
+use crate::error::Result;
+use crate::foveation::Pattern;
+use crate::frame::Loaded;
+use crate::gpu::opencl::{Device, device};
+use crate::math::view::View;
+use crate::scene::{Environment, Features, Scene};
+use crate::speed::{Rate, Rates, Workload, export};
+use crate::trace::probe::{Probe, RayKind, shape_of};
+use crate::trace::warm::{KernelTimes, kernel_times};
+use crate::whole_file;
+
+/// Arguments of `foveate bench`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A glTF 2.0 file, .gltf or .glb.
+    scene: PathBuf,
+    /// How many times every kind of ray is traced; the median counts.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repetitions: u32,
+    /// Tell also how long a first start takes: build the kernels and the tree with nothing in a cache.
+    #[arg(long)]
+    cold: bool,
+    /// Write triangles, rays and answers to a file, for other tracers to be measured on the same.
+    #[arg(long, value_name = "FILE")]
+    export: Option<PathBuf>,
+    #[command(flatten)]
+    options: RenderOptions,
+}
+
+#[derive(Serialize)]
+struct Report {
+    scene: String,
+    triangles: usize,
+    bvh: Tree,
+    view: Asked,
+    devices: Vec<Measured>,
+}
+
+#[derive(Serialize)]
+struct Tree {
+    nodes: usize,
+    depth: u32,
+    /// What a ray visits on average, by the surface area heuristic.
+    cost: Cost,
+    /// To build the tree, or to find it in the cache.
+    ready_ms: f64,
+    cached: bool,
+    /// To build it, where it was not in the cache, or `--cold` asked for it.
+    build_ms: Option<f64>,
+    /// Nodes, vertices in leaf order, and what hits need to know of a triangle.
+    bytes_per_triangle: f64,
+}
+
+#[derive(Serialize)]
+struct Asked {
+    width: u32,
+    height: u32,
+    samples: usize,
+    bundles: usize,
+}
+
+#[derive(Serialize)]
+struct Measured {
+    device: String,
+    platform: String,
+    driver: String,
+    kernels: KernelTimes,
+    device_bytes: usize,
+    rays: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    kind: RayKind,
+    #[serde(flatten)]
+    rate: Rate,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let config = args.options.config()?;
+    if let Some(path) = &args.export {
+        whole_file::check(path)?;
+    }
+    let devices = open(&config)?;
+    let loaded = super::render::load(&args.scene, &config)?;
+    let view = view(args, &config, &loaded)?;
+    let count = config.foveation.samples.of(view.pixels());
+    let gaze = args.options.gaze().unwrap_or(glam::DVec2::splat(0.5));
+    let pattern = Pattern::new(&view, &config.foveation.law, gaze, count);
+    let ready_ms = loaded.steps.iter().find(|step| step.name == "bvh").map_or(0.0, |step| step.ms);
+    let cached = loaded.bvh_was_cached;
+    let build_ms = match (cached, args.cold) {
+        (false, _) => Some(ready_ms),
+        (true, true) => Some(time_to_build(&loaded.scene)),
+        (true, false) => None,
+    };
+    let bench = Bench {
+        features: Features::required_by(&loaded.scene, &loaded.environment),
+        environment: loaded.environment,
+        shape: shape_of(loaded.scene),
+        bvh: loaded.bvh,
+    };
+    let mut probes: Vec<Probe> =
+        devices.iter().map(|device| Probe::new(device, &bench.shape, &bench.bvh)).collect::<Result<_>>()?;
+    let work = Workload::new(&mut probes[0], &bench.shape, &bench.bvh, view, pattern)?;
+    probes[1..].iter_mut().try_for_each(|probe| work.load(probe))?;
+    if let Some(path) = &args.export {
+        export::write(path, &bench.shape, &work, &probes[0])?;
+    }
+    let rates = measure(&probes, args.repetitions)?;
+    let report = Report {
+        scene: args.scene.display().to_string(),
+        triangles: bench.shape.mesh.triangles.len(),
+        bvh: Tree { ready_ms, cached, build_ms, ..bench.tree(&probes[0]) },
+        view: Asked {
+            width: view.width,
+            height: view.height,
+            samples: work.pattern.samples.len(),
+            bundles: work.bundles.origins.len(),
+        },
+        devices: probes
+            .iter()
+            .zip(&rates)
+            .map(|(probe, rates)| bench.measured(probe, rates, args.cold))
+            .collect::<Result<_>>()?,
+    };
+    if args.options.config.json { output::print_json(&report) } else { output::print_line(&report.text()) }
+}
+
+/// The device that was asked for, or every usable one.
+fn open(config: &Config) -> Result<Vec<Device>> {
+    let infos = device::list();
+    let chosen = choose(&infos, &config.devices.opencl, &[0; 16])?;
+    if !config.devices.opencl.is_empty() {
+        return Ok(vec![Device::open(&infos[chosen])?]);
+    }
+    infos.iter().filter(|info| info.unusable.is_none()).map(Device::open).collect()
+}
+
+fn view(args: &Args, config: &Config, loaded: &Loaded) -> Result<View> {
+    let (world_from_eye, fov_y) = args.options.viewpoint(&loaded.scene, config)?;
+    let (width, height) = (config.view.width, config.view.height);
+    Ok(View { world_from_eye, fov: eye_fov(fov_y, width, height), width, height })
+}
+
+fn time_to_build(scene: &Scene) -> f64 {
+    let start = std::time::Instant::now();
+    drop(WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles));
+    start.elapsed().as_secs_f64() * 1e3
+}
+
+/// Every kind on every device in turn, again and again; a first time that does not count.
+fn measure(probes: &[Probe], repetitions: u32) -> Result<Vec<Rates>> {
+    let mut rates = vec![Rates::default(); probes.len()];
+    let bar = output::progress(u64::from(repetitions) + 1, "repetitions");
+    for repetition in 0..=repetitions {
+        for (probe, rates) in probes.iter().zip(&mut rates) {
+            for kind in RayKind::ALL {
+                if repetition == 0 { probe.trace(kind).map(drop)? } else { rates.run(probe, kind)? }
+            }
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(rates)
+}
+
+struct Bench {
+    shape: Scene,
+    bvh: WideBvh,
+    environment: Environment,
+    features: Features,
+}
+
+impl Bench {
+    fn tree(&self, probe: &Probe) -> Tree {
+        Tree {
+            nodes: self.bvh.nodes.len(),
+            depth: self.bvh.depth(),
+            cost: self.bvh.cost(),
+            ready_ms: 0.0,
+            cached: false,
+            build_ms: None,
+            bytes_per_triangle: probe.scene().tree_bytes() as f64
+                / self.shape.mesh.triangles.len().max(1) as f64,
+        }
+    }
+
+    fn measured(&self, probe: &Probe, rates: &Rates, cold: bool) -> Result<Measured> {
+        let device = probe.device();
+        let info = device.info();
+        let sun = self.environment.sun.is_some();
+        Ok(Measured {
+            device: info.name.clone(),
+            platform: info.platform.clone(),
+            driver: info.driver.clone(),
+            kernels: kernel_times(device, &Features { sun, ..self.features }, self.bvh.depth(), cold)?,
+            device_bytes: probe.scene().bytes().iter().map(|b| b.bytes).sum(),
+            rays: rates.summary().into_iter().map(|(kind, rate)| Row { kind, rate }).collect(),
+        })
+    }
+}
+
+impl Report {
+    fn text(&self) -> String {
+        let mut text = format!(
+            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}, {:.0} bytes a triangle\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
+            self.scene,
+            self.triangles,
+            self.bvh.nodes,
+            self.bvh.depth,
+            self.bvh.ready_ms,
+            if self.bvh.cached { " from the cache" } else { "" },
+            self.bvh.bytes_per_triangle,
+            self.view.width,
+            self.view.height,
+            self.view.samples,
+            self.view.bundles
+        );
+        for device in &self.devices {
+            device.describe(&mut text);
+        }
+        text.trim_end().to_string()
+    }
+}
+
+impl Measured {
+    fn describe(&self, text: &mut String) {
+        let cold = self.kernels.cold_ms.map_or(String::new(), |ms| format!("{ms:.0} ms cold, "));
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{} ({}): kernels {cold}{:.0} ms warm; {:.3} ms to launch and wait for a frame's",
+            self.device, self.platform, self.kernels.warm_ms, self.kernels.launch_ms
+        );
+        for Row { kind, rate } in &self.rays {
+            let each = rate.mrays_per_cpu_second.map_or(String::new(), |r| format!(", {r:.2} a core"));
+            let _ = writeln!(
+                text,
+                "  {:<17} {:>9} rays {:>9.2} ms ({:.2} to {:.2}) {:>8.2} Mrays/s{each}",
+                kind.name(),
+                rate.rays,
+                rate.ms,
+                rate.ms_p10,
+                rate.ms_p90,
+                rate.mrays_per_second
+            );
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! `foveate measure`: what speed costs in accuracy, on this scene and these devices.
+
+use std::path::PathBuf;
+
+use super::mock;
+use super::options::RenderOptions;
+use super::{output, render};
+use crate::config::{Layers, Stereo};
+use crate::error::Result;
+use crate::frame::{Output, Renderer};
+use crate::headset::mock::Script;
+use crate::math::pose::Pose;
+use crate::math::view::View;
+use crate::trade::{Effort, Report, Subject, sweep};
+use crate::whole_file;
+
+/// Arguments of `foveate measure`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A glTF 2.0 file, .gltf or .glb.
+    scene: PathBuf,
+    /// Folder for report.html, report.json, points.csv, front.toml and comparison.md. A run that was
+    /// interrupted goes on where it was.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// A first impression: small pictures, few points, about a minute on two cores.
+    #[arg(long, conflicts_with = "thorough")]
+    quick: bool,
+    /// More poses, gazes, passes and points: for figures that are written down.
+    #[arg(long)]
+    thorough: bool,
+    /// The headset whose eyes see the pictures: dk1 or generic.
+    #[arg(long, value_name = "NAME", default_value = "generic")]
+    headset: String,
+    #[command(flatten)]
+    options: RenderOptions,
+}
+
+/// The script's length in seconds, along which the head's poses are taken.
+const SCRIPT_SECONDS: f64 = 8.0;
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let effort = match (args.quick, args.thorough) {
+        (true, _) => Effort::Quick,
+        (_, true) => Effort::Thorough,
+        _ => Effort::Usual,
+    };
+    let mut defaults = mock::stereo_defaults();
+    let shrunk = |pixels: u32| (f64::from(pixels) / effort.shrink() / 2.0).round() as u32 * 2;
+    defaults.view.width = shrunk(defaults.view.width);
+    defaults.view.height = shrunk(defaults.view.height);
+    defaults.foveation.samples = crate::config::Samples::Share(55_000.0 / 1_024_000.0);
+    let config = args.options.config_over(Layers::over(defaults))?;
+    let profile = mock::fitted(mock::profile(&args.headset)?, &config, args.options.fov_y());
+    whole_file::check_folder(&args.out)?;
+    let (machine, loaded) = render::open(&args.scene, &config)?;
+    output::print_warnings(&loaded.warnings);
+    let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
+    let script = Script::demo(rest, SCRIPT_SECONDS).with_reach(mock::reach(&loaded));
+    let heads = heads(&script, effort.poses(), 1.0 / profile.refresh_hz);
+    let views = |head: Pose| -> Vec<View> {
+        let eyes = profile.views(head);
+        if config.view.stereo == Stereo::Mono { vec![eyes[0]] } else { eyes.to_vec() }
+    };
+    let (mut renderer, _) =
+        Renderer::new(&machine.device, &machine.context, &loaded, &config, Output::Radiance)?;
+    let subject = Subject {
+        scene: args.scene.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        loaded: &loaded,
+        config: &config,
+        views: &views,
+        heads: &heads,
+        device: format!("{}, samples {}", machine.describe(), renderer.sharing()),
+        effort,
+    };
+    let bar = output::progress(100, "measuring");
+    let report = sweep(&subject, &mut renderer, &args.out, &|done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    })?;
+    bar.finish_and_clear();
+    if args.options.config.json {
+        return output::print_json(&report);
+    }
+    print(&report, &args.out)
+}
+
+/// Heads along the script, each in two steps of `step` seconds.
+fn heads(script: &Script, count: usize, step: f64) -> Vec<[Pose; 2]> {
+    (0..count)
+        .map(|i| {
+            // The head is under way in both directions, never at a turning point.
+            let time = SCRIPT_SECONDS * (i as f64 + 0.3) / count as f64;
+            [script.head_at(time), script.head_at(time + step)]
+        })
+        .collect()
+}
+
+fn print(report: &Report, out: &std::path::Path) -> Result<()> {
+    output::print_line(&format!(
+        "{}: {} points at {}x{}, {} places; the reference is within {:.1} dB",
+        report.scene,
+        report.points.len(),
+        report.size[0],
+        report.size[1],
+        report.places.iter().product::<usize>(),
+        report.reference_error.psnr,
+    ))?;
+    output::print_line("the front, fastest first: frame, score of 10, PSNR, FLIP")?;
+    for p in report.front() {
+        output::print_line(&format!(
+            "  {:8.1} ms  {:5.2}  {:5.1} dB  {:.4}  {}",
+            p.frame_ms, p.foveated_score, p.psnr, p.flip, p.name
+        ))?;
+    }
+    let given = &report.points[0];
+    output::print_line(&format!(
+        "at the cost of the given settings ({:.1} ms, score {:.2}):",
+        given.frame_ms, given.foveated_score
+    ))?;
+    for p in report.at_equal_cost() {
+        output::print_line(&format!(
+            "  {:8.1} ms  {:5.2}  {:5.1} dB  {:.4}  {}",
+            p.frame_ms, p.foveated_score, p.psnr, p.flip, p.name
+        ))?;
+    }
+    output::print_line(&format!(
+        "{}: report.html, report.json, points.csv, front.toml, comparison.md",
+        out.display()
+    ))
+}

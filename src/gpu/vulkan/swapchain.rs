@@ -1,0 +1,328 @@
+//! Pictures of a window, one after the other.
+//!
+//! The host waits for an image before it is drawn into and for the drawing before it is presented, so no
+//! semaphores are needed; the frame that comes next is not begun before either way.
+#![allow(unsafe_code)]
+
+use std::ffi::{CStr, CString};
+use std::sync::Arc;
+
+use ash::vk;
+use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
+
+use super::commands::Commands;
+use super::context::Context;
+use super::image::Target;
+use crate::error::{Error, Result};
+
+/// Formats whose pixels reach the screen as they are written, the usual first.
+const FORMATS: [vk::Format; 2] = [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM];
+
+/// A window that pictures can be shown in.
+pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
+
+impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
+
+/// What became of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
+    /// It is on its way to the screen.
+    Yes,
+    /// The window has changed: [`Swapchain::resize`] comes first.
+    NeedsResize,
+    /// The display takes no picture now, as of a hidden window.
+    NotNow,
+}
+
+/// Nanoseconds that the display may take to want a picture.
+const PATIENCE: u64 = 200_000_000;
+
+/// The extensions that windows of a display need, for the instance and for the device.
+///
+/// # Errors
+/// [`Error::NoDevice`] where Vulkan knows no windows of such a display.
+pub fn window_extensions(display: &impl HasDisplayHandle) -> Result<(Vec<CString>, Vec<CString>)> {
+    let unknown = |why: String| Error::NoDevice {
+        kind: "Vulkan",
+        problem: format!("it cannot show windows here ({why}); use the mock headset: `foveate demo`"),
+    };
+    let handle = display.display_handle().map_err(|error| unknown(error.to_string()))?;
+    let names = ash_window::enumerate_required_extensions(handle.as_raw())
+        .map_err(|code| unknown(code.to_string()))?;
+    // SAFETY: the names are constants that end with a zero.
+    let instance = names.iter().map(|&name| unsafe { CStr::from_ptr(name) }.to_owned()).collect();
+    Ok((instance, vec![ash::khr::swapchain::NAME.to_owned()]))
+}
+
+/// The window's surface, which outlives its swapchains.
+struct Surface {
+    context: Context,
+    functions: ash::khr::surface::Instance,
+    handle: vk::SurfaceKHR,
+    // The window is there for as long as its surface.
+    _window: Arc<dyn Window>,
+}
+
+impl Drop for Surface {
+    fn drop(&mut self) {
+        // SAFETY: swapchains of the surface are gone, since the struct that holds both drops them first.
+        unsafe { self.functions.destroy_surface(self.handle, None) };
+    }
+}
+
+/// A window's images.
+pub struct Swapchain {
+    surface: Surface,
+    functions: ash::khr::swapchain::Device,
+    handle: vk::SwapchainKHR,
+    images: Vec<Target>,
+    format: vk::SurfaceFormatKHR,
+    acquired: vk::Fence,
+    commands: Commands,
+}
+
+impl Swapchain {
+    /// Images for a window of `width` x `height` pixels. The context was opened with the extensions of
+    /// [`window_extensions`].
+    ///
+    /// # Errors
+    /// [`Error::Device`] where the device cannot show pictures in this window.
+    pub fn new(context: &Context, window: Arc<dyn Window>, width: u32, height: u32) -> Result<Self> {
+        let surface = Surface::new(context, window)?;
+        let format = surface.format()?;
+        let device = &context.0.device;
+        let functions = ash::khr::swapchain::Device::new(&context.0.instance, device);
+        let commands = Commands::new(context)?;
+        // SAFETY: the device is valid; the fence is destroyed by the struct's drop.
+        let acquired = unsafe { device.create_fence(&vk::FenceCreateInfo::default(), None) }
+            .map_err(|code| context.refused("a fence", code))?;
+        let mut swapchain = Swapchain {
+            surface,
+            functions,
+            handle: vk::SwapchainKHR::null(),
+            images: Vec::new(),
+            format,
+            acquired,
+            commands,
+        };
+        swapchain.resize(width, height)?;
+        Ok(swapchain)
+    }
+
+    /// The pixels' format.
+    pub fn format(&self) -> vk::Format {
+        self.format.format
+    }
+
+    /// Pixels across and down of the images; zeros while the window has none.
+    pub fn size(&self) -> [u32; 2] {
+        self.images.first().map_or([0, 0], |image| [image.width(), image.height()])
+    }
+
+    /// Makes images for the window's new size; none for a window without pixels.
+    ///
+    /// # Errors
+    /// [`Error::Device`] where the device refuses.
+    pub fn resize(&mut self, width: u32, height: u32) -> Result<()> {
+        self.commands.wait()?;
+        let surface = &self.surface;
+        let context = surface.context.clone();
+        let refused = |code| context.refused("images for a window", code);
+        // SAFETY: surface and physical device belong to the instance.
+        let limits = unsafe {
+            surface
+                .functions
+                .get_physical_device_surface_capabilities(context.0.physical_device, surface.handle)
+        }
+        .map_err(refused)?;
+        let (least, most) = (limits.min_image_extent, limits.max_image_extent);
+        let extent = match limits.current_extent {
+            vk::Extent2D { width: u32::MAX, .. } => vk::Extent2D {
+                width: width.clamp(least.width, most.width.max(least.width)),
+                height: height.clamp(least.height, most.height.max(least.height)),
+            },
+            given => given,
+        };
+        self.images.clear();
+        if extent.width == 0 || extent.height == 0 {
+            return Ok(());
+        }
+        let wanted = (limits.min_image_count + 1).max(2);
+        let count = if limits.max_image_count == 0 { wanted } else { wanted.min(limits.max_image_count) };
+        let alpha = [
+            vk::CompositeAlphaFlagsKHR::OPAQUE,
+            vk::CompositeAlphaFlagsKHR::INHERIT,
+            vk::CompositeAlphaFlagsKHR::PRE_MULTIPLIED,
+        ];
+        let alpha = alpha.into_iter().find(|&kind| limits.supported_composite_alpha.contains(kind));
+        let info = vk::SwapchainCreateInfoKHR::default()
+            .surface(surface.handle)
+            .min_image_count(count)
+            .image_format(self.format.format)
+            .image_color_space(self.format.color_space)
+            .image_extent(extent)
+            .image_array_layers(1)
+            .image_usage(vk::ImageUsageFlags::COLOR_ATTACHMENT)
+            .image_sharing_mode(vk::SharingMode::EXCLUSIVE)
+            .pre_transform(limits.current_transform)
+            .composite_alpha(alpha.unwrap_or(vk::CompositeAlphaFlagsKHR::OPAQUE))
+            // The one mode that every device has; it waits for the display, so the rate is the display's.
+            .present_mode(vk::PresentModeKHR::FIFO)
+            .clipped(true)
+            .old_swapchain(self.handle);
+        // SAFETY: the surface is valid, what is asked for lies within its limits, and nothing is being drawn
+        // into the old images, whose targets are gone. Presenting may still read them, so the queue is idle
+        // before they go.
+        unsafe {
+            let new = self.functions.create_swapchain(&info, None).map_err(refused)?;
+            let queue = context.queue();
+            let idle = context.0.device.queue_wait_idle(*queue);
+            drop(queue);
+            self.functions.destroy_swapchain(self.handle, None);
+            self.handle = new;
+            idle.map_err(refused)?;
+        }
+        // SAFETY: the swapchain is valid.
+        let images = unsafe { self.functions.get_swapchain_images(self.handle) }.map_err(refused)?;
+        for image in images {
+            // SAFETY: the image is a colour attachment of this format and size; targets and commands go
+            // before the swapchain; `show` brings it into the layout before it is drawn into.
+            let target = unsafe {
+                Target::from_raw(&context, image, self.format.format, extent.width, extent.height, 0)
+            }?;
+            self.images.push(target);
+        }
+        Ok(())
+    }
+
+    /// Shows what `draw` records into the next image, every pixel of it.
+    ///
+    /// # Errors
+    /// [`Error::Device`] where the device or the window is lost, and what `draw` answers.
+    pub fn show(&mut self, draw: impl FnOnce(&mut Commands, &Target) -> Result<()>) -> Result<Shown> {
+        if self.images.is_empty() {
+            return Ok(Shown::NeedsResize);
+        }
+        let context = self.surface.context.clone();
+        let refused = |code| context.refused("showing a picture in a window", code);
+        let (index, mut good) = match self.acquire()? {
+            Ok(next) => next,
+            Err(shown) => return Ok(shown),
+        };
+        let target = self.images[index as usize].clone();
+        let drawing = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
+        self.commands.begin()?;
+        self.commands.transition(target.0.image, vk::ImageLayout::UNDEFINED, drawing);
+        draw(&mut self.commands, &target)?;
+        self.commands.transition(target.0.image, drawing, vk::ImageLayout::PRESENT_SRC_KHR);
+        self.commands.submit()?;
+        self.commands.wait()?;
+        let (swapchains, indices) = ([self.handle], [index]);
+        let info = vk::PresentInfoKHR::default().swapchains(&swapchains).image_indices(&indices);
+        let queue = context.queue();
+        // SAFETY: the image was acquired, and drawing into it is done; the queue's lock is held.
+        match unsafe { self.functions.queue_present(*queue, &info) } {
+            Ok(suboptimal) => good &= !suboptimal,
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => good = false,
+            Err(code) => return Err(refused(code)),
+        }
+        Ok(if good { Shown::Yes } else { Shown::NeedsResize })
+    }
+
+    /// The next image's index once it can be drawn into, and whether it fits the window; otherwise why there
+    /// is none.
+    fn acquire(&mut self) -> Result<Result<(u32, bool), Shown>> {
+        let context = &self.surface.context;
+        let refused = |code| context.refused("the next picture of a window", code);
+        let device = &context.0.device;
+        // SAFETY: the fence is not in use, and is waited for at once.
+        unsafe {
+            let next = self.functions.acquire_next_image(
+                self.handle,
+                PATIENCE,
+                vk::Semaphore::null(),
+                self.acquired,
+            );
+            let (index, suboptimal) = match next {
+                Ok(next) => next,
+                Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => return Ok(Err(Shown::NeedsResize)),
+                Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => return Ok(Err(Shown::NotNow)),
+                Err(code) => return Err(refused(code)),
+            };
+            device.wait_for_fences(&[self.acquired], true, u64::MAX).map_err(refused)?;
+            device.reset_fences(&[self.acquired]).map_err(refused)?;
+            Ok(Ok((index, !suboptimal)))
+        }
+    }
+}
+
+impl Drop for Swapchain {
+    fn drop(&mut self) {
+        // What is being drawn holds targets; a lost device is done as well.
+        let _ = self.commands.wait();
+        self.images.clear();
+        let context = &self.surface.context;
+        let queue = context.queue();
+        // SAFETY: the queue is idle, and targets of the images are gone; null handles are ignored.
+        unsafe {
+            let _ = context.0.device.queue_wait_idle(*queue);
+            self.functions.destroy_swapchain(self.handle, None);
+            context.0.device.destroy_fence(self.acquired, None);
+        }
+    }
+}
+
+impl Surface {
+    fn new(context: &Context, window: Arc<dyn Window>) -> Result<Self> {
+        let inner = &context.0;
+        let name = || inner.report.name.clone();
+        let gone = |why: String| Error::Device {
+            device: name(),
+            problem: format!("the window cannot be drawn into ({why}); check the display and the driver"),
+        };
+        let display = window.display_handle().map_err(|error| gone(error.to_string()))?.as_raw();
+        let raw = window.window_handle().map_err(|error| gone(error.to_string()))?.as_raw();
+        // SAFETY: the instance has the display's extensions, or the call fails; the handles are valid for
+        // as long as the window, which the struct keeps.
+        let handle = unsafe { ash_window::create_surface(&inner.entry, &inner.instance, display, raw, None) }
+            .map_err(|code| gone(code.to_string()))?;
+        let functions = ash::khr::surface::Instance::new(&inner.entry, &inner.instance);
+        let surface = Surface { context: context.clone(), functions, handle, _window: window };
+        // SAFETY: all belong to the instance.
+        let shows = unsafe {
+            surface.functions.get_physical_device_surface_support(
+                inner.physical_device,
+                inner.queue_family,
+                surface.handle,
+            )
+        };
+        match shows {
+            Ok(true) => Ok(surface),
+            _ => Err(Error::Device {
+                device: name(),
+                problem: "it cannot show pictures on this display; choose the device that drives it with \
+                          --set devices.vulkan=NAME (`foveate devices` lists them)"
+                    .to_string(),
+            }),
+        }
+    }
+
+    /// A format that takes pixels as they are.
+    fn format(&self) -> Result<vk::SurfaceFormatKHR> {
+        let context = &self.context;
+        // SAFETY: both belong to the instance.
+        let offered = unsafe {
+            self.functions.get_physical_device_surface_formats(context.0.physical_device, self.handle)
+        }
+        .map_err(|code| context.refused("formats of a window", code))?;
+        let plain = |wanted: vk::Format| {
+            offered.iter().copied().find(|format| {
+                format.format == wanted && format.color_space == vk::ColorSpaceKHR::SRGB_NONLINEAR
+            })
+        };
+        FORMATS.into_iter().find_map(plain).ok_or_else(|| Error::Device {
+            device: context.report().name.clone(),
+            problem: "it shows no windows with 8 bits a channel; choose another screen or driver".to_string(),
+        })
+    }
+}

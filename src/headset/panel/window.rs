@@ -1,0 +1,319 @@
+//! The window itself, and its loop.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::{DeviceEvent, DeviceId, ElementState, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
+use winit::keyboard::{KeyCode, PhysicalKey};
+use winit::monitor::MonitorHandle;
+use winit::window::{CursorGrabMode, Fullscreen, Window, WindowId};
+
+use super::keys::Keys;
+use super::monitor::{CONNECTORS, Monitor, panel_among, rift_connectors};
+use super::{PanelPass, Warp};
+use crate::error::{Error, Result};
+use crate::gpu::vulkan::{Context, ContextOptions, Shown, Swapchain, Target, window_extensions};
+use crate::headset::walker::Wish;
+
+/// What a frame is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment {
+    /// When it is begun.
+    pub now: Instant,
+    /// Seconds since the frame before; 0 for the first.
+    pub since_last: f64,
+    /// Seconds that the frame before took from here to its presentation; 0 for the first.
+    pub latency: f64,
+    /// Keys and mouse.
+    pub wish: Wish,
+    /// The wearer looks ahead now.
+    pub recentre: bool,
+    /// Pixels of the window.
+    pub window: [u32; 2],
+}
+
+/// A picture, and the way to bring it to the window.
+pub struct Shot {
+    /// The picture, of format R8G8B8A8, sRGB encoded.
+    pub picture: Target,
+    /// How it fills the window; rectangles do not overlap, and cover it all.
+    pub warps: Vec<Warp>,
+}
+
+/// What the window shall be.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// Its title.
+    pub title: String,
+    /// Pixels across and down.
+    pub size: [u32; 2],
+    /// Take the whole of the headset's own monitor, if there is one of this size.
+    pub on_headset: bool,
+    /// End after so many frames.
+    pub frames: Option<u64>,
+}
+
+/// A connection to the desktop; there can be one in a process.
+pub struct Panel {
+    event_loop: EventLoop<()>,
+}
+
+impl Panel {
+    /// Connects to the desktop.
+    ///
+    /// # Errors
+    /// [`Error::Device`] where there is none, or a library for it is missing.
+    pub fn connect() -> Result<Self> {
+        let refused = |problem: String| Error::Device { device: "display".to_string(), problem };
+        require_libraries().map_err(refused)?;
+        let event_loop = EventLoop::new().map_err(|_| {
+            refused(
+                "no desktop answers (WAYLAND_DISPLAY or DISPLAY name it); start this in a desktop session, or \
+                 render to files with `foveate demo`"
+                    .to_string(),
+            )
+        })?;
+        event_loop.set_control_flow(ControlFlow::Poll);
+        Ok(Panel { event_loop })
+    }
+
+    /// What a Vulkan device has to offer to show windows here.
+    ///
+    /// # Errors
+    /// Where Vulkan knows no windows of this desktop.
+    pub fn vulkan_options(&self) -> Result<ContextOptions> {
+        let (instance_extensions, device_extensions) = window_extensions(&self.event_loop)?;
+        Ok(ContextOptions { instance_extensions, device_extensions, ..ContextOptions::default() })
+    }
+
+    /// Opens the window and shows what `frame` makes until the user closes it, `stop` is set, or enough
+    /// frames were shown; how many were. Escape closes it too. The context was opened with
+    /// [`Panel::vulkan_options`].
+    ///
+    /// # Errors
+    /// Where the window or a device is lost, and what `frame` answers.
+    pub fn run(
+        self,
+        context: &Context,
+        wanted: &Wanted,
+        stop: &AtomicBool,
+        frame: &mut dyn FnMut(&Moment) -> Result<Shot>,
+    ) -> Result<u64> {
+        let mut shower = Shower {
+            context,
+            wanted,
+            stop,
+            frame,
+            opened: None,
+            keys: Keys::default(),
+            captured: false,
+            last: None,
+            latency: 0.0,
+            shown: 0,
+            outcome: Ok(()),
+        };
+        let ended = self.event_loop.run_app(&mut shower);
+        shower.outcome?;
+        ended.map_err(|error| Error::Device {
+            device: "display".to_string(),
+            problem: format!("the connection to it was lost ({error}); start the program again"),
+        })?;
+        Ok(shower.shown)
+    }
+}
+
+/// What was opened for the window.
+struct Opened {
+    window: Arc<Window>,
+    swapchain: Swapchain,
+    pass: PanelPass,
+}
+
+/// The window's loop.
+struct Shower<'a> {
+    context: &'a Context,
+    wanted: &'a Wanted,
+    stop: &'a AtomicBool,
+    frame: &'a mut dyn FnMut(&Moment) -> Result<Shot>,
+    opened: Option<Opened>,
+    keys: Keys,
+    /// The mouse turns the head.
+    captured: bool,
+    last: Option<Instant>,
+    latency: f64,
+    shown: u64,
+    outcome: Result<()>,
+}
+
+impl Shower<'_> {
+    fn open(&mut self, event_loop: &ActiveEventLoop) -> Result<Opened> {
+        let [width, height] = self.wanted.size;
+        let mut attributes = Window::default_attributes()
+            .with_title(self.wanted.title.clone())
+            .with_inner_size(PhysicalSize::new(width, height));
+        if self.wanted.on_headset
+            && let Some(monitor) = headset_monitor(event_loop, self.wanted.size)
+        {
+            attributes = attributes.with_fullscreen(Some(Fullscreen::Borderless(Some(monitor))));
+        }
+        let window = event_loop.create_window(attributes).map_err(|error| Error::Device {
+            device: "display".to_string(),
+            problem: format!("no window can be opened ({error}); check the desktop session"),
+        })?;
+        let window = Arc::new(window);
+        let size = window.inner_size();
+        let swapchain = Swapchain::new(self.context, window.clone(), size.width, size.height)?;
+        let pass = PanelPass::new(self.context, swapchain.format())?;
+        Ok(Opened { window, swapchain, pass })
+    }
+
+    /// Renders and shows one frame.
+    fn show(&mut self) -> Result<()> {
+        let Some(opened) = &mut self.opened else { return Ok(()) };
+        let window = opened.swapchain.size();
+        if window.contains(&0) {
+            let size = opened.window.inner_size();
+            return opened.swapchain.resize(size.width, size.height);
+        }
+        let now = Instant::now();
+        let (wish, recentre) = self.keys.take();
+        let since_last = self.last.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
+        let moment = Moment { now, since_last, latency: self.latency, wish, recentre, window };
+        let shot = (self.frame)(&moment)?;
+        opened.window.pre_present_notify();
+        let (swapchain, pass) = (&mut opened.swapchain, &mut opened.pass);
+        let shown =
+            swapchain.show(|commands, target| pass.record(commands, &shot.picture, &shot.warps, target))?;
+        if shown == Shown::NeedsResize {
+            let size = opened.window.inner_size();
+            return opened.swapchain.resize(size.width, size.height);
+        }
+        if shown == Shown::Yes {
+            self.latency = now.elapsed().as_secs_f64();
+            self.shown += 1;
+        }
+        Ok(())
+    }
+
+    /// The mouse turns the head from now on, or no more.
+    fn capture(&mut self, wanted: bool) {
+        let Some(opened) = &self.opened else { return };
+        let window = &opened.window;
+        self.captured = wanted
+            && window
+                .set_cursor_grab(CursorGrabMode::Locked)
+                .or_else(|_| window.set_cursor_grab(CursorGrabMode::Confined))
+                .is_ok();
+        if !self.captured {
+            // Where the pointer was never held there is nothing to let go.
+            let _ = window.set_cursor_grab(CursorGrabMode::None);
+        }
+        window.set_cursor_visible(!self.captured);
+    }
+
+    fn end(&mut self, event_loop: &ActiveEventLoop, outcome: Result<()>) {
+        if self.outcome.is_ok() {
+            self.outcome = outcome;
+        }
+        self.opened = None;
+        event_loop.exit();
+    }
+
+    fn enough(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.wanted.frames.is_some_and(|frames| self.shown >= frames)
+    }
+}
+
+impl ApplicationHandler for Shower<'_> {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.opened.is_some() {
+            return;
+        }
+        match self.open(event_loop) {
+            Ok(opened) => self.opened = Some(opened),
+            Err(error) => self.end(event_loop, Err(error)),
+        }
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        match event {
+            WindowEvent::CloseRequested => self.end(event_loop, Ok(())),
+            WindowEvent::Resized(size) => {
+                let resized = self.opened.as_mut().map(|o| o.swapchain.resize(size.width, size.height));
+                if let Some(Err(error)) = resized {
+                    self.end(event_loop, Err(error));
+                }
+            }
+            WindowEvent::KeyboardInput { event, .. } => {
+                let PhysicalKey::Code(key) = event.physical_key else { return };
+                if key == KeyCode::Escape {
+                    return self.end(event_loop, Ok(()));
+                }
+                self.keys.key(key, event.state == ElementState::Pressed);
+            }
+            WindowEvent::MouseInput { state: ElementState::Pressed, .. } => self.capture(true),
+            WindowEvent::Focused(false) => {
+                self.keys.forget();
+                self.capture(false);
+            }
+            WindowEvent::RedrawRequested => {
+                if let Err(error) = self.show() {
+                    self.end(event_loop, Err(error));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn device_event(&mut self, _: &ActiveEventLoop, _: DeviceId, event: DeviceEvent) {
+        if let DeviceEvent::MouseMotion { delta: (right, down) } = event
+            && self.captured
+        {
+            self.keys.mouse(right, down);
+        }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        if self.enough() {
+            return self.end(event_loop, Ok(()));
+        }
+        if let Some(opened) = &self.opened {
+            opened.window.request_redraw();
+        }
+    }
+}
+
+/// The monitor that is a headset's panel of that many pixels.
+fn headset_monitor(event_loop: &ActiveEventLoop, pixels: [u32; 2]) -> Option<MonitorHandle> {
+    let primary = event_loop.primary_monitor();
+    let handles: Vec<MonitorHandle> = event_loop.available_monitors().collect();
+    let describe = |handle: &MonitorHandle| Monitor {
+        name: handle.name().unwrap_or_default(),
+        size: [handle.size().width, handle.size().height],
+        primary: primary.as_ref() == Some(handle),
+    };
+    let monitors: Vec<Monitor> = handles.iter().map(describe).collect();
+    panel_among(&monitors, pixels, &rift_connectors(Path::new(CONNECTORS))).map(|i| handles[i].clone())
+}
+
+/// The desktop's library panics where this one is missing, so it is looked for before.
+#[cfg(target_os = "linux")]
+fn require_libraries() -> Result<(), String> {
+    let x11 = std::env::var_os("WAYLAND_DISPLAY").is_none_or(|name| name.is_empty());
+    let there = |library: bool, package: &str| {
+        let problem = || format!("a library for keyboards is not installed; install {package}");
+        if library { Ok(()) } else { Err(problem()) }
+    };
+    there(xkbcommon_dl::xkbcommon_option().is_some(), "libxkbcommon0")?;
+    there(!x11 || xkbcommon_dl::x11::xkbcommon_x11_option().is_some(), "libxkbcommon-x11-0")
+}
+
+#[cfg(not(target_os = "linux"))]
+fn require_libraries() -> Result<(), String> {
+    Ok(())
+}

@@ -1,0 +1,255 @@
+//! Rays by kind, through the kernels that frames use but on a scene's shape alone: what measurements
+//! of speed trace.
+
+use std::time::Instant;
+
+use crate::bvh::WideBvh;
+use crate::error::Result;
+use crate::foveation::Pattern;
+use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
+use crate::layout::{self, HitRecord};
+use crate::math::view::View;
+use crate::scene::{Environment, Features, Material, Scene};
+
+use super::SceneBuffers;
+use super::source;
+use super::tracer::{self, BLOCK, GROUP, Settings};
+
+/// Rays of a bundle, which leave one point.
+pub const BUNDLE: usize = 32;
+
+/// What rays are sent for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RayKind {
+    /// The nearest hit of a camera ray through every pixel.
+    Pixels,
+    /// The nearest hit of a camera ray through every sampled pixel.
+    Samples,
+    /// Whether anything is hit: 32 rays from each point that a sample sees.
+    Occlusion,
+    /// The nearest hit of the same rays.
+    Bounce,
+}
+
+impl RayKind {
+    /// All kinds.
+    pub const ALL: [RayKind; 4] = [RayKind::Pixels, RayKind::Samples, RayKind::Occlusion, RayKind::Bounce];
+
+    /// Its name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            RayKind::Pixels => "dense primary",
+            RayKind::Samples => "foveated primary",
+            RayKind::Occlusion => "32 occlusion",
+            RayKind::Bounce => "32 bounce",
+        }
+    }
+}
+
+/// Rays in bundles of [`BUNDLE`] from one point each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Bundles {
+    /// Where each bundle starts, relative to the scene's anchor.
+    pub origins: Vec<[f32; 3]>,
+    /// Unit directions, [`BUNDLE`] for each origin.
+    pub directions: Vec<[f32; 3]>,
+}
+
+/// A scene's shape alone: no textures, every triangle opaque and seen from both sides, so that every
+/// tracer means the same by a hit.
+pub fn shape_of(mut scene: Scene) -> Scene {
+    scene.materials = vec![Material { double_sided: true, ..Material::default() }];
+    scene.mesh.materials.fill(0);
+    scene.mesh.tangents = Vec::new();
+    scene.mesh.uvs = [Vec::new(), Vec::new()];
+    scene.mesh.colors = Vec::new();
+    scene.textures = Vec::new();
+    scene.lights = Vec::new();
+    scene
+}
+
+/// A scene's shape on a device, and the kernels that trace rays of each kind.
+#[derive(Debug)]
+pub struct Probe {
+    device: Device,
+    scene: SceneBuffers,
+    anchor: glam::DVec3,
+    pixels: Kernel,
+    samples: Kernel,
+    occlusion: Kernel,
+    bounce: Kernel,
+    camera: layout::Camera,
+    sampled: Buffer<u32>,
+    sample_count: usize,
+    origins: Buffer<[f32; 3]>,
+    directions: Buffer<[f32; 3]>,
+    bundle_count: usize,
+    pixel_hits: Buffer<HitRecord>,
+    sample_hits: Buffer<HitRecord>,
+    bounce_hits: Buffer<HitRecord>,
+    hidden: Buffer<u32>,
+}
+
+impl Probe {
+    /// Builds the kernels and uploads `shape`: see [`shape_of`].
+    ///
+    /// # Errors
+    /// Where the kernels do not build, or the scene does not fit.
+    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh) -> Result<Self> {
+        let options = source::options(&Features::default(), bvh.depth());
+        let program = Program::build(device, "probe", &source::probe_text(), &options)?;
+        let darkness = Environment::constant(glam::Vec3::ZERO);
+        Ok(Probe {
+            scene: SceneBuffers::upload(device, shape, bvh, &darkness)?,
+            anchor: shape.anchor,
+            pixels: program.kernel("trace_pixels")?,
+            samples: program.kernel("trace_samples")?,
+            occlusion: program.kernel("hide_bundles")?,
+            bounce: program.kernel("meet_bundles")?,
+            camera: layout::Camera::default(),
+            sampled: Buffer::new(device, 1)?,
+            sample_count: 0,
+            origins: Buffer::new(device, 1)?,
+            directions: Buffer::new(device, 1)?,
+            bundle_count: 0,
+            pixel_hits: Buffer::new(device, 1)?,
+            sample_hits: Buffer::new(device, 1)?,
+            bounce_hits: Buffer::new(device, 1)?,
+            hidden: Buffer::new(device, 1)?,
+            device: device.clone(),
+        })
+    }
+
+    /// The device.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// The scene's buffers.
+    pub fn scene(&self) -> &SceneBuffers {
+        &self.scene
+    }
+
+    /// Chooses the camera rays.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device has no room for them.
+    pub fn look(&mut self, view: &View, pattern: &Pattern) -> Result<()> {
+        let settings = Settings { rays: 1, bounces: 0, edge_rays: 0, guided: false, seed: 0, jitter: false };
+        self.camera = tracer::camera(view, self.anchor, &settings);
+        self.sampled = Buffer::from_slice(&self.device, &pattern.samples)?;
+        self.sample_count = pattern.samples.len();
+        self.pixel_hits = Buffer::new(&self.device, view.pixels())?;
+        self.sample_hits = Buffer::new(&self.device, self.sample_count)?;
+        Ok(())
+    }
+
+    /// Chooses the bundles of rays.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device has no room for them.
+    ///
+    /// # Panics
+    /// If there are not [`BUNDLE`] directions for each origin.
+    pub fn send(&mut self, bundles: &Bundles) -> Result<()> {
+        assert_eq!(bundles.origins.len() * BUNDLE, bundles.directions.len());
+        self.bundle_count = bundles.origins.len();
+        self.origins = Buffer::from_slice(&self.device, &bundles.origins)?;
+        self.directions = Buffer::from_slice(&self.device, &bundles.directions)?;
+        self.bounce_hits = Buffer::new(&self.device, bundles.directions.len())?;
+        self.hidden = Buffer::new(&self.device, self.bundle_count)?;
+        Ok(())
+    }
+
+    /// The number of rays of a kind.
+    pub fn rays(&self, kind: RayKind) -> usize {
+        match kind {
+            RayKind::Pixels => self.camera.width as usize * self.camera.height as usize,
+            RayKind::Samples => self.sample_count,
+            RayKind::Occlusion | RayKind::Bounce => self.bundle_count * BUNDLE,
+        }
+    }
+
+    /// Traces all rays of a kind, and returns how many milliseconds passed until that was done.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub fn trace(&self, kind: RayKind) -> Result<f64> {
+        let start = Instant::now();
+        let event = self.launch(kind)?;
+        self.device.finish()?;
+        drop(event);
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    fn launch(&self, kind: RayKind) -> Result<Event> {
+        let mut args = self.scene.args();
+        match kind {
+            RayKind::Pixels => {
+                let rows = self.camera.height;
+                args.extend([
+                    Arg::value(&self.camera),
+                    Arg::U32(0),
+                    Arg::U32(rows),
+                    Arg::buffer(&self.pixel_hits),
+                ]);
+                let blocks = self.camera.width.div_ceil(BLOCK) as usize * rows.div_ceil(BLOCK) as usize;
+                self.pixels.launch(&args, blocks, GROUP)
+            }
+            RayKind::Samples => {
+                let count = self.sample_count as u32;
+                args.extend([
+                    Arg::value(&self.camera),
+                    Arg::buffer(&self.sampled),
+                    Arg::U32(0),
+                    Arg::U32(count),
+                    Arg::buffer(&self.sample_hits),
+                ]);
+                self.samples.launch(&args, self.sample_count.div_ceil(BUNDLE), GROUP)
+            }
+            RayKind::Occlusion => {
+                args.extend(self.bundle_args());
+                args.push(Arg::buffer(&self.hidden));
+                self.occlusion.launch(&args, self.bundle_count, GROUP)
+            }
+            RayKind::Bounce => {
+                args.extend(self.bundle_args());
+                args.push(Arg::buffer(&self.bounce_hits));
+                self.bounce.launch(&args, self.bundle_count, GROUP)
+            }
+        }
+    }
+
+    fn bundle_args(&self) -> [Arg<'_>; 3] {
+        [Arg::buffer(&self.origins), Arg::buffer(&self.directions), Arg::U32(self.bundle_count as u32)]
+    }
+
+    /// The nearest hits that the last trace of a kind found: of pixels row after row, of samples in the
+    /// pattern's order, of bundles ray after ray. Triangles are places in [`WideBvh::order`]. Occlusion
+    /// has none.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub fn hits(&self, kind: RayKind) -> Result<Vec<HitRecord>> {
+        let buffer = match kind {
+            RayKind::Pixels => &self.pixel_hits,
+            RayKind::Samples => &self.sample_hits,
+            RayKind::Occlusion => return Ok(Vec::new()),
+            RayKind::Bounce => &self.bounce_hits,
+        };
+        let mut hits = vec![HitRecord::default(); self.rays(kind)];
+        buffer.read(&mut hits)?;
+        Ok(hits)
+    }
+
+    /// For each bundle the rays that hit anything, as the last trace of [`RayKind::Occlusion`] found.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub fn hidden(&self) -> Result<Vec<u32>> {
+        let mut hidden = vec![0; self.bundle_count];
+        self.hidden.read(&mut hidden)?;
+        Ok(hidden)
+    }
+}

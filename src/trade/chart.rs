@@ -1,0 +1,161 @@
+//! The chart of the page: frame time against score, as SVG.
+
+use super::candidate::{GIVEN, RIVAL};
+use super::report::{Point, Report};
+
+const WIDTH: f64 = 860.0;
+const HEIGHT: f64 = 440.0;
+/// Room for labels: left, right, top, bottom.
+const MARGIN: [f64; 4] = [56.0, 16.0, 16.0, 48.0];
+
+/// A scale from values to pixels of the chart.
+struct Scale {
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Scale {
+    fn of(points: &[Point]) -> Scale {
+        let range = |values: &mut dyn Iterator<Item = f64>| {
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+        };
+        let x = range(&mut points.iter().map(|p| p.frame_ms.max(1e-3).ln()));
+        let y = range(&mut points.iter().map(|p| p.foveated_score));
+        let padded = |[low, high]: [f64; 2], least: f64| {
+            let pad = ((high - low) * 0.06).max(least);
+            [low - pad, high + pad]
+        };
+        Scale { x: padded(x, 0.05), y: padded(y, 0.05) }
+    }
+
+    fn x(&self, ms: f64) -> f64 {
+        let t = (ms.max(1e-3).ln() - self.x[0]) / (self.x[1] - self.x[0]);
+        MARGIN[0] + t * (WIDTH - MARGIN[0] - MARGIN[1])
+    }
+
+    fn y(&self, score: f64) -> f64 {
+        let t = (score - self.y[0]) / (self.y[1] - self.y[0]);
+        HEIGHT - MARGIN[3] - t * (HEIGHT - MARGIN[2] - MARGIN[3])
+    }
+}
+
+/// All points, with a line through the front.
+pub fn svg(report: &Report) -> String {
+    let scale = Scale::of(&report.points);
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Frame time against foveated score\">\n"
+    );
+    svg += &axes(&scale);
+    let line: Vec<String> = report
+        .front()
+        .iter()
+        .map(|p| format!("{:.1},{:.1}", scale.x(p.frame_ms), scale.y(p.foveated_score)))
+        .collect();
+    svg += &format!("<polyline class=\"front\" points=\"{}\"/>\n", line.join(" "));
+    for (index, point) in report.points.iter().enumerate() {
+        svg += &mark(&scale, index, point);
+    }
+    svg + "</svg>\n"
+}
+
+/// A point: where it is, how sure that is, and what it is when it is pointed at.
+fn mark(scale: &Scale, index: usize, p: &Point) -> String {
+    let (x, y) = (scale.x(p.frame_ms), scale.y(p.foveated_score));
+    let class = match p.axis.as_str() {
+        GIVEN => "given",
+        RIVAL => "rival",
+        _ if p.on_front => "best",
+        _ => "point",
+    };
+    let whiskers = format!(
+        "<path class=\"whisker\" d=\"M{:.1} {y:.1}H{:.1}M{x:.1} {:.1}V{:.1}\"/>",
+        scale.x(p.frame_ms_p10),
+        scale.x(p.frame_ms_p90),
+        scale.y(p.foveated_score - p.foveated_score_error),
+        scale.y(p.foveated_score + p.foveated_score_error),
+    );
+    let shape = match class {
+        "rival" => format!("<path d=\"M{x:.1} {:.1}l6 6l-6 6l-6 -6z\" transform=\"translate(0 -6)\"/>", y),
+        "given" => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"7\"/>"),
+        _ => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\"/>"),
+    };
+    let label = match class {
+        "given" | "rival" => {
+            let end = x > WIDTH * 0.7;
+            let (dx, anchor) = if end { (-10.0, "end") } else { (10.0, "start") };
+            format!(
+                "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>",
+                x + dx,
+                y + 4.0,
+                super::page::escaped(&p.name)
+            )
+        }
+        _ => String::new(),
+    };
+    format!(
+        "<a href=\"#p{index}\" class=\"mark {class}\" data-point=\"{index}\"><title>{}: {:.1} ms, score {:.2}</title>{whiskers}{shape}{label}</a>\n",
+        super::page::escaped(&p.name),
+        p.frame_ms,
+        p.foveated_score
+    )
+}
+
+fn axes(scale: &Scale) -> String {
+    let (left, bottom) = (MARGIN[0], HEIGHT - MARGIN[3]);
+    let (right, top) = (WIDTH - MARGIN[1], MARGIN[2]);
+    let mut svg = String::from("<g class=\"axes\">\n");
+    for ms in decades(scale.x[0].exp(), scale.x[1].exp()) {
+        let x = scale.x(ms);
+        svg += &format!(
+            "<path d=\"M{x:.1} {bottom}V{top}\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{ms}</text>\n",
+            bottom + 18.0
+        );
+    }
+    let step = score_step(scale.y[1] - scale.y[0]);
+    let mut score = (scale.y[0] / step).ceil() * step;
+    while score <= scale.y[1] {
+        let y = scale.y(score);
+        svg += &format!(
+            "<path d=\"M{left} {y:.1}H{right}\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\n",
+            left - 8.0,
+            y + 4.0,
+            (score * 100.0).round() / 100.0
+        );
+        score += step;
+    }
+    svg += &format!(
+        "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">milliseconds of a frame (logarithmic)</text>\n",
+        (left + right) / 2.0,
+        HEIGHT - 8.0
+    );
+    svg += &format!(
+        "<text transform=\"translate(16 {:.1}) rotate(-90)\" text-anchor=\"middle\">foveated score</text>\n</g>\n",
+        (top + bottom) / 2.0
+    );
+    svg
+}
+
+/// 1, 2 and 5 times powers of ten within a range.
+fn decades(low: f64, high: f64) -> Vec<f64> {
+    let first = low.log10().floor() as i32;
+    let last = high.log10().ceil() as i32;
+    let values = (first..=last).flat_map(|p| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(p)));
+    values.filter(|v| (low..=high).contains(v)).map(|v| (v * 1e6).round() / 1e6).collect()
+}
+
+/// A step that gives some six lines.
+fn score_step(range: f64) -> f64 {
+    [0.05, 0.1, 0.2, 0.5, 1.0].into_iter().find(|step| range / step <= 8.0).unwrap_or(2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_numbers() {
+        assert_eq!(decades(3.0, 60.0), [5.0, 10.0, 20.0, 50.0]);
+        assert_eq!(decades(0.15, 0.6), [0.2, 0.5]);
+        assert_eq!(score_step(3.0), 0.5);
+    }
+}

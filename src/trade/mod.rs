@@ -1,0 +1,17 @@
+//! What speed costs in accuracy: settings are swept over poses and gazes, judged against a reference
+//! that is rendered here, and reported.
+
+pub mod candidate;
+mod chart;
+pub mod effort;
+mod judge;
+mod page;
+mod reference;
+pub mod report;
+mod rivals;
+mod store;
+pub mod sweep;
+
+pub use effort::Effort;
+pub use report::{Point, ReferenceError, Report};
+pub use sweep::{Subject, sweep};

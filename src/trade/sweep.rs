@@ -1,0 +1,455 @@
+//! The sweep: references, then every candidate at every pose and gaze, each kept as soon as it is done.
+
+use glam::DVec2;
+
+use super::candidate::{Candidate, Means, candidates};
+use super::effort::Effort;
+use super::judge::{Judge, Scores, split};
+use super::reference::{Making, Reference, matched, obtain};
+use super::report::{Point, Report};
+use super::rivals::{AT_EQUAL_COST, adjusted, plan, rivals, shoot};
+use super::store::{Fingerprint, Store};
+use crate::config::{Config, OperatingPoint, Stereo};
+use crate::error::Result;
+use crate::frame::{FrameReport, Loaded, Renderer};
+use crate::math::pose::Pose;
+use crate::math::view::View;
+use crate::measure::metric::Viewing;
+use crate::measure::pairs::Match;
+use crate::measure::stats::{median, percentile};
+use crate::measure::{Display, Picture, flip};
+
+/// What is measured.
+pub struct Subject<'a> {
+    /// The scene's name.
+    pub scene: String,
+    /// The scene.
+    pub loaded: &'a Loaded,
+    /// The settings around which is swept.
+    pub config: &'a Config,
+    /// The eyes' views from a head's pose; one or two.
+    pub views: &'a dyn Fn(Pose) -> Vec<View>,
+    /// Heads in two steps, a frame apart.
+    pub heads: &'a [[Pose; 2]],
+    /// What traces and what reconstructs.
+    pub device: String,
+    /// How much work it may be.
+    pub effort: Effort,
+}
+
+/// A pose with what it is judged by.
+struct Place {
+    eyes: [Vec<View>; 2],
+    matches: Vec<Match>,
+}
+
+/// Everything that stays the same for all candidates.
+struct Bench<'a> {
+    subject: &'a Subject<'a>,
+    places: Vec<Place>,
+    /// For each number of bounces, each pose and each step.
+    references: Vec<(u32, usize, [Reference; 2])>,
+    viewing: Viewing,
+    store: Store,
+}
+
+/// Work done and work in all, in rays or what costs as much.
+pub type Progress<'a> = &'a dyn Fn(u64, u64);
+
+/// Measures everything, or what is left of it since a run before, and writes it to `out`.
+///
+/// # Errors
+/// Where a device fails or a file cannot be written.
+pub fn sweep(
+    subject: &Subject<'_>,
+    renderer: &mut Renderer,
+    out: &std::path::Path,
+    progress: Progress<'_>,
+) -> Result<Report> {
+    let store = Store::open(out, &fingerprint(subject))?;
+    let own = candidates(subject.config, subject.effort);
+    let others = rivals(subject.config, subject.effort != Effort::Quick);
+    let mut meter = Meter::new(subject, &own, &others, progress);
+    let mut bench = prepare(subject, renderer, store, &own, &mut meter)?;
+
+    let mut points: Vec<Point> = Vec::new();
+    for candidate in own.into_iter().chain(others) {
+        let work = meter.cost(&candidate);
+        let point = match bench.store.read(&candidate.name) {
+            Some(point) => point,
+            None => {
+                let target = points.first().map_or(0.0, |p| p.frame_ms);
+                let candidate = bench.priced(renderer, candidate, target)?;
+                let point = bench.measure(renderer, &candidate)?;
+                bench.store.write(&candidate.name, &point)?;
+                point
+            }
+        };
+        points.push(point);
+        meter.add(work);
+    }
+    let mut report = bench.report(points);
+    report.mark_front();
+    report.find_errors();
+    let pictures = |name: &str| {
+        Some([
+            bench.store.bytes(&format!("{name} picture"), "jpg")?,
+            bench.store.bytes(&format!("{name} error"), "jpg")?,
+        ])
+    };
+    let reference = bench.references.first_mut().map(|(_, _, pair)| &pair[0].display);
+    let reference = reference.map(|display| jpeg(&split(display, &bench.places[0].eyes[0])[0]));
+    report.write(out, &pictures, reference)?;
+    Ok(report)
+}
+
+/// A name for all that results depend on.
+fn fingerprint(subject: &Subject<'_>) -> String {
+    let mesh = &subject.loaded.scene.mesh;
+    let environment = &subject.loaded.environment;
+    let settings = format!(
+        "{} {:?} {:?} {:?} {:?} {}",
+        env!("CARGO_PKG_VERSION"),
+        subject.config,
+        subject.effort,
+        subject.heads,
+        subject.heads.iter().map(|pair| (subject.views)(pair[0])).collect::<Vec<_>>(),
+        subject.device
+    );
+    Fingerprint::default()
+        .add(settings.as_bytes())
+        .add(bytemuck::cast_slice(&mesh.positions))
+        .add(bytemuck::cast_slice(&mesh.triangles))
+        .add(format!("{:?}", subject.loaded.scene.materials).as_bytes())
+        .add(bytemuck::cast_slice(&environment.texels))
+        .add(format!("{:?}", environment.sun).as_bytes())
+        .name()
+}
+
+/// Loads or renders the references.
+fn prepare<'a>(
+    subject: &'a Subject<'a>,
+    renderer: &mut Renderer,
+    store: Store,
+    own: &[Candidate],
+    meter: &mut Meter<'_>,
+) -> Result<Bench<'a>> {
+    let places: Vec<Place> = subject
+        .heads
+        .iter()
+        .map(|pair| {
+            let eyes = pair.map(|head| (subject.views)(head));
+            let matches = match eyes[0].as_slice() {
+                [left, right] => matched(renderer, &[*left, *right], subject.config)?,
+                _ => Vec::new(),
+            };
+            Ok(Place { eyes, matches })
+        })
+        .collect::<Result<_>>()?;
+    let viewing = Viewing {
+        exposure: subject.config.view.exposure as f32,
+        pixels_per_degree: pixels_per_degree(&places[0].eyes[0][0]),
+    };
+    let given = subject.config.trace.bounces;
+    let mut wanted: Vec<(u32, usize)> = (0..places.len()).map(|pose| (given, pose)).collect();
+    for candidate in own {
+        if let Means::Own(config) = &candidate.means
+            && wanted.iter().all(|(bounces, _)| *bounces != config.trace.bounces)
+        {
+            wanted.push((config.trace.bounces, 0));
+        }
+    }
+    let mut references = Vec::new();
+    for (bounces, pose) in wanted {
+        let making = Making {
+            base: subject.config,
+            passes: subject.effort.passes(),
+            rays: subject.effort.reference_rays(),
+            bounces,
+            viewing,
+        };
+        let mut step = |step: usize| -> Result<Reference> {
+            let plan = plan(&places[pose].eyes[step], Stereo::PerEye)?;
+            let name = format!("reference {pose} {step} bounces {bounces}");
+            let work = meter.pass;
+            obtain(renderer, &plan, &making, &store, &name, &mut || meter.add(work))
+        };
+        references.push((bounces, pose, [step(0)?, step(1)?]));
+    }
+    Ok(Bench { subject, places, references, viewing, store })
+}
+
+/// Pixels per degree on the axis.
+fn pixels_per_degree(view: &View) -> f64 {
+    let step = (view.fov.up - view.fov.down) / f64::from(view.height);
+    1.0 / step.atan().to_degrees()
+}
+
+/// Milliseconds that repetitions of one point may take together, with at least two of them.
+const REPETITIONS_MS: f64 = 20_000.0;
+
+impl Bench<'_> {
+    /// A rival that is to cost as much as the given settings, changed until it nearly does.
+    fn priced(&self, renderer: &mut Renderer, mut candidate: Candidate, target_ms: f64) -> Result<Candidate> {
+        if !candidate.name.ends_with(AT_EQUAL_COST) || target_ms <= 0.0 {
+            return Ok(candidate);
+        }
+        let eyes = &self.places[0].eyes[0];
+        let gaze = DVec2::from_array(self.subject.effort.gazes()[0]);
+        for _ in 0..3 {
+            let mut times = Vec::new();
+            for seed in 0..3 {
+                let shot = shoot(renderer, self.subject.config, &candidate.means, eyes, gaze, seed)?;
+                times.push(shot.report.frame_ms - shot.report.pattern_ms);
+            }
+            let factor = target_ms / median(&times).unwrap_or(target_ms).max(1e-3);
+            if (0.95..1.05).contains(&factor) {
+                break;
+            }
+            candidate.means = adjusted(&candidate.means, factor);
+        }
+        Ok(candidate)
+    }
+
+    /// Renders, judges and times a candidate.
+    fn measure(&self, renderer: &mut Renderer, candidate: &Candidate) -> Result<Point> {
+        let bounces = match &candidate.means {
+            Means::Own(config) => config.trace.bounces,
+            _ => self.subject.config.trace.bounces,
+        };
+        let mut reports: Vec<FrameReport> = Vec::new();
+        let mut scores = Vec::new();
+        let mut last = None;
+        for (_, pose, references) in self.references.iter().filter(|(of, ..)| *of == bounces) {
+            let place = &self.places[*pose];
+            for gaze in self.subject.effort.gazes() {
+                let gaze = DVec2::from_array(*gaze);
+                let mut pictures = Vec::new();
+                for (step, eyes) in place.eyes.iter().enumerate() {
+                    let seed = 2 * scores.len() as u32 + step as u32 + 1;
+                    let shot = shoot(renderer, self.subject.config, &candidate.means, eyes, gaze, seed)?;
+                    reports.push(shot.report);
+                    pictures.push(shot.picture);
+                }
+                let judge = Judge {
+                    eyes: &place.eyes[0],
+                    gazes: &plan(&place.eyes[0], Stereo::PerEye)?.gaze_points(gaze),
+                    references: [&references[0], &references[1]],
+                    matches: &place.matches,
+                    viewing: self.viewing,
+                };
+                let found = judge.judge([&pictures[0], &pictures[1]])?;
+                if scores.is_empty() {
+                    self.keep_pictures(&candidate.name, &pictures[0], references, &place.eyes[0])?;
+                }
+                scores.push(found);
+                last = Some((place, gaze));
+            }
+        }
+        if let Some((place, gaze)) = last {
+            let mut spent = 0.0;
+            for seed in 0..self.subject.effort.repetitions() {
+                if seed >= 2 && spent > REPETITIONS_MS {
+                    break;
+                }
+                let shot = shoot(
+                    renderer,
+                    self.subject.config,
+                    &candidate.means,
+                    &place.eyes[1],
+                    gaze,
+                    1000 + seed,
+                )?;
+                spent += shot.report.frame_ms;
+                reports.push(shot.report);
+            }
+        }
+        Ok(self.point(candidate, &reports, &scores))
+    }
+
+    fn point(&self, candidate: &Candidate, reports: &[FrameReport], scores: &[Scores]) -> Point {
+        // The first frame may have had drivers finish their kernels.
+        let reports = &reports[1..];
+        let settled: Vec<f64> = reports.iter().filter(|r| r.pattern_ms == 0.0).map(|r| r.frame_ms).collect();
+        let patterns: Vec<f64> =
+            reports.iter().filter(|r| r.pattern_ms > 0.0).map(|r| r.pattern_ms).collect();
+        let at = |p| percentile(&settled, p).unwrap_or(0.0);
+        let found = Scores::mean(scores);
+        let frame_ms = at(50.0);
+        let eye = &self.places[0].eyes[0];
+        let (config, operating) = match &candidate.means {
+            Means::Own(config) => {
+                let pixels = eye[0].pixels();
+                let point = OperatingPoint::of(config, pixels, frame_ms.max(1e-3), found.foveated_score);
+                let competes = candidate.axis != super::candidate::RIVAL
+                    && config.view.stereo == self.subject.config.view.stereo;
+                (effective(config), competes.then_some(point))
+            }
+            Means::Zones { rays } => (serde_json::json!({ "zones": { "rays": rays } }), None),
+            Means::Inset { scale } => (serde_json::json!({ "inset": { "scale": scale } }), None),
+            Means::Coarse { scale } => (serde_json::json!({ "resolution": { "scale": scale } }), None),
+        };
+        let first = reports.first().copied().unwrap_or_default();
+        Point {
+            name: candidate.name.clone(),
+            axis: candidate.axis.to_string(),
+            config,
+            frame_ms,
+            frame_ms_p10: at(10.0),
+            frame_ms_p90: at(90.0),
+            frames: settled.len(),
+            pattern_ms: median(&patterns).unwrap_or(0.0),
+            samples: first.samples,
+            rays: first.rays,
+            psnr: found.psnr,
+            psnr_display: found.psnr_display,
+            relmse: found.relmse,
+            flip: found.flip,
+            foveated_score: found.foveated_score,
+            foveated_thresholds: found.foveated_thresholds,
+            foveated_scores: scores.iter().map(|s| s.foveated_score).collect(),
+            foveated_score_error: 0.0,
+            flicker: found.flicker,
+            disagreement: (eye.len() == 2).then_some(found.disagreement),
+            on_front: false,
+            operating,
+        }
+    }
+
+    /// Keeps the first eye's picture and its error map for the page.
+    fn keep_pictures(
+        &self,
+        name: &str,
+        picture: &Picture,
+        references: &[Reference; 2],
+        eyes: &[View],
+    ) -> Result<()> {
+        let shown = Display::from_picture(picture, self.viewing.exposure);
+        let shown = split(&shown, eyes).swap_remove(0);
+        let truth = split(&references[0].display, eyes).swap_remove(0);
+        let map = flip::error_map(&shown, &truth, self.viewing.pixels_per_degree);
+        let heat = Display { pixels: map.iter().map(|error| heat(*error)).collect(), ..shown.clone() };
+        self.store.write_bytes(&format!("{name} picture"), "jpg", &jpeg(&shown))?;
+        self.store.write_bytes(&format!("{name} error"), "jpg", &jpeg(&heat))
+    }
+
+    fn report(&self, points: Vec<Point>) -> Report {
+        let eyes = &self.places[0].eyes[0];
+        let worst = self
+            .references
+            .iter()
+            .flat_map(|(_, _, pair)| pair)
+            .map(|reference| reference.error)
+            .min_by(|a, b| a.psnr.total_cmp(&b.psnr))
+            .expect("there is a reference for the given settings");
+        Report {
+            scene: self.subject.scene.clone(),
+            triangles: self.subject.loaded.scene.mesh.triangles.len(),
+            device: self.subject.device.clone(),
+            size: [eyes.iter().map(|e| e.width).sum(), eyes[0].height],
+            pixels_per_degree: self.viewing.pixels_per_degree,
+            places: [self.places.len(), self.subject.effort.gazes().len(), 2],
+            effort: self.subject.effort,
+            reference_error: worst,
+            points,
+        }
+    }
+}
+
+/// What decides about a frame, without what is the same for all points.
+fn effective(config: &Config) -> serde_json::Value {
+    serde_json::json!({
+        "foveation": config.foveation,
+        "trace": config.trace,
+        "reconstruction": config.reconstruction,
+        "stereo": config.view.stereo,
+    })
+}
+
+/// Black over violet and orange to pale yellow, brighter with every step: near Matplotlib's "inferno".
+fn heat(error: f32) -> [f32; 3] {
+    const STOPS: [[f32; 3]; 5] =
+        [[0.0, 0.0, 0.02], [0.34, 0.06, 0.43], [0.74, 0.22, 0.33], [0.98, 0.56, 0.04], [0.99, 1.0, 0.64]];
+    let at = error.clamp(0.0, 1.0) * 4.0;
+    let low = (at as usize).min(3);
+    let part = at - low as f32;
+    [0, 1, 2].map(|c| STOPS[low][c] + (STOPS[low + 1][c] - STOPS[low][c]) * part)
+}
+
+fn jpeg(picture: &Display) -> Vec<u8> {
+    let byte = |code: &f32| (code.clamp(0.0, 1.0) * 255.0).round() as u8;
+    let bytes: Vec<u8> = picture.pixels.iter().flatten().map(byte).collect();
+    let mut out = Vec::new();
+    let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut out, 88);
+    let kind = image::ExtendedColorType::Rgb8;
+    // Writing to memory fails only for sizes that no view has.
+    match image::ImageEncoder::write_image(encoder, &bytes, picture.width, picture.height, kind) {
+        Ok(()) => out,
+        Err(_) => Vec::new(),
+    }
+}
+
+/// Work that is expected and done, in rays: a pixel that is looked at costs about four.
+struct Meter<'a> {
+    progress: Progress<'a>,
+    done: u64,
+    total: u64,
+    /// A pass of a reference.
+    pass: u64,
+    pixels: f64,
+    shots: f64,
+    rays: u32,
+}
+
+impl<'a> Meter<'a> {
+    fn new(subject: &Subject<'_>, own: &[Candidate], others: &[Candidate], progress: Progress<'a>) -> Self {
+        let eyes = (subject.views)(subject.heads[0][0]);
+        let pixels: usize = eyes.iter().map(View::pixels).sum();
+        let effort = subject.effort;
+        let shots = (subject.heads.len() * effort.gazes().len() * 2) as u32 + effort.repetitions();
+        let mut meter = Meter {
+            progress,
+            done: 0,
+            total: 0,
+            pass: pixels as u64 * u64::from(effort.reference_rays()),
+            pixels: pixels as f64,
+            shots: f64::from(shots),
+            rays: subject.config.trace.rays,
+        };
+        let mut bounces: Vec<u32> = own.iter().filter_map(Candidate::bounces).collect();
+        bounces.sort_unstable();
+        bounces.dedup();
+        let references = 2 * (subject.heads.len() + bounces.len() - 1) as u64;
+        meter.total = references * u64::from(effort.passes()) * meter.pass;
+        meter.total += own.iter().chain(others).map(|c| meter.cost(c)).sum::<u64>();
+        meter
+    }
+
+    /// What a candidate is expected to cost.
+    fn cost(&self, candidate: &Candidate) -> u64 {
+        let rays = match &candidate.means {
+            Means::Own(config) => {
+                let samples = config.foveation.samples.of(self.pixels as usize) as f64;
+                samples * f64::from(config.trace.rays * (1 + config.trace.bounces)) + 4.0 * self.pixels
+            }
+            _ if candidate.name.ends_with(AT_EQUAL_COST) => self.pixels * 6.0,
+            Means::Zones { rays } => self.pixels * f64::from(rays.iter().sum::<u32>()),
+            Means::Inset { .. } | Means::Coarse { .. } => 0.4 * self.pixels * f64::from(self.rays),
+        };
+        (rays * self.shots) as u64
+    }
+
+    fn add(&mut self, work: u64) {
+        self.done += work;
+        (self.progress)(self.done.min(self.total), self.total);
+    }
+}
+
+impl Candidate {
+    fn bounces(&self) -> Option<u32> {
+        match &self.means {
+            Means::Own(config) => Some(config.trace.bounces),
+            _ => None,
+        }
+    }
+}
