@@ -33,10 +33,10 @@ pub struct Config {
     pub budget: BudgetConfig,
     /// Which devices are used.
     pub devices: DevicesConfig,
-    /// What is done in a headset.
-    pub headset: HeadsetConfig,
     /// The Rift DK1.
     pub dk1: Dk1Config,
+    /// What is done in a headset.
+    pub headset: HeadsetConfig,
 }
 
 /// The picture: size, camera, stereo, exposure.
@@ -197,14 +197,34 @@ pub struct EnvironmentConfig {
     pub turbidity: f32,
 }
 
-/// Which devices are used. Empty: the best one that works.
+/// Which devices are used.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DevicesConfig {
-    /// OpenCL device that traces: its number in `foveate devices`, or a part of its name.
+    /// OpenCL devices that trace, separated by commas: their numbers in `foveate devices`, their UUIDs, or
+    /// parts of their names. Empty: all that work.
     pub opencl: String,
-    /// Vulkan device that reconstructs: a part of its name.
+    /// Compute units of the parts that each processor among them is divided into; what is left over stays
+    /// free for other programs. Empty: it is used whole.
+    pub subdivide: Vec<u32>,
+    /// Vulkan device that reconstructs: a part of its name. Empty: the best.
     pub vulkan: String,
+}
+
+/// The Rift DK1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dk1Config {
+    /// Pixels of the undistorted pictures for one of the panel's at the lenses' centres.
+    pub resolution: f64,
+    /// The folder where what is learned of each tracker is kept; empty for the user's state folder.
+    pub memory: PathBuf,
+}
+
+impl Default for Dk1Config {
+    fn default() -> Self {
+        Dk1Config { resolution: 1.0, memory: PathBuf::new() }
+    }
 }
 
 /// What is done in a headset.
@@ -265,22 +285,6 @@ impl Default for HeadsetConfig {
             turn: Turn::Snap,
             turn_degrees: 30.0,
         }
-    }
-}
-
-/// The Rift DK1.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Dk1Config {
-    /// Pixels of the undistorted pictures for one of the panel's at the lenses' centres.
-    pub resolution: f64,
-    /// The folder where what is learned of each tracker is kept; empty for the user's state folder.
-    pub memory: PathBuf,
-}
-
-impl Default for Dk1Config {
-    fn default() -> Self {
-        Dk1Config { resolution: 1.0, memory: PathBuf::new() }
     }
 }
 
@@ -514,10 +518,10 @@ impl Config {
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;
         range("environment.sun_azimuth", f64::from(environment.sun_azimuth), -360.0, 360.0)?;
         range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)?;
+        range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)?;
         range("headset.refresh_hz", self.headset.refresh_hz, 0.0, 1000.0)?;
         range("headset.speed", self.headset.speed, 0.0, 100.0)?;
-        range("headset.turn_degrees", self.headset.turn_degrees, 0.0, 360.0)?;
-        range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)
+        range("headset.turn_degrees", self.headset.turn_degrees, 0.0, 360.0)
     }
 
     /// Memory for pixels is reserved before anything is traced, so absurd numbers are refused first.

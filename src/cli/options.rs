@@ -20,6 +20,10 @@ pub struct Overrides {
     /// One setting, such as trace.rays=16. May be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
+    /// all that work by default.
+    #[arg(long, visible_alias = "device", value_name = "NAME,...")]
+    devices: Option<String>,
 }
 
 /// Settings from files and `--set`, and how results are printed.
@@ -44,6 +48,9 @@ impl Overrides {
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.config.iter().try_for_each(|path| layers.file(path))?;
         self.set.iter().try_for_each(|assignment| layers.assign(assignment))?;
+        if let Some(devices) = &self.devices {
+            layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
+        }
         Ok(layers)
     }
 }
@@ -102,9 +109,6 @@ pub struct RenderOptions {
     /// Seed of the random numbers: the same one gives the same picture on the same device.
     #[arg(long, help_heading = "Tracing")]
     seed: Option<u32>,
-    /// OpenCL device that traces: its number in `foveate devices`, or a part of its name.
-    #[arg(long, value_name = "NAME", help_heading = "Tracing")]
-    device: Option<String>,
 }
 
 impl RenderOptions {
@@ -149,7 +153,6 @@ impl RenderOptions {
             ("--rays", "trace.rays", whole(self.rays)),
             ("--bounces", "trace.bounces", whole(self.bounces)),
             ("--seed", "trace.seed", whole(self.seed)),
-            ("--device", "devices.opencl", text(&self.device)),
         ];
         Ok(flags.into_iter().filter_map(|(flag, key, value)| Some((flag, key, value?))).collect())
     }

@@ -13,6 +13,7 @@ use super::options::RenderOptions;
 use super::output;
 use crate::config::Layers;
 use crate::error::{Error, Result};
+use crate::frame::Loaded;
 use crate::headset::openxr::{Fault, Runtime};
 
 pub use present::Presentation;
@@ -35,7 +36,8 @@ pub fn run(args: &Args) -> Result<()> {
     let stop = stop_signal()?;
     // Whether there is a headset is known at once, and a scene may take long.
     let runtime = Runtime::connect(config.headset.insets).map_err(Fault::into_error)?;
-    let loaded = super::render::load(&args.scene, &config)?;
+    let loaded = Loaded::from_file(&args.scene, &config)?;
+    super::render::require_triangles(&args.scene, &loaded)?;
     output::print_warnings(&loaded.warnings);
     let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
     let [width, height] = args.options.given_size()?;

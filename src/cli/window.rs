@@ -84,8 +84,7 @@ impl Show<'_> {
             await_tracker(tracker, &stop);
         }
         let display = self.display(tracker.as_ref());
-        let (renderer, steps) =
-            Renderer::new(&machine.device, &machine.context, &loaded, self.config, Output::Display)?;
+        let (renderer, steps) = machine.renderer(&loaded, self.config, Output::Display)?;
         let rest = default_viewpoint(&loaded.scene, self.config.view.fov_y).world_from_eye;
         let mut session = Session::new(self.config, display, tracker, renderer, rest);
         // Drivers finish building kernels at their first launch: one frame that does not count.

@@ -131,8 +131,7 @@ impl Presentation<'_> {
     fn on_runtime(&self, runtime: Runtime, run: &mut Run) -> Outcome<()> {
         let context = runtime.open_context()?;
         let machine = Machine::presenting(context, &self.config.devices)?;
-        let (renderer, _) =
-            Renderer::new(&machine.device, &machine.context, self.loaded, self.config, Output::Display)?;
+        let (renderer, _) = machine.renderer(self.loaded, self.config, Output::Display)?;
         let mut stage = Stage { runtime, machine, renderer };
         let mut in_vain = 0;
         loop {

@@ -11,7 +11,7 @@ use crate::measure::stats::percentile;
 const KEPT: usize = 100_000;
 
 /// One picture's times, in milliseconds.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Shown {
     /// From its begin to its end.
     pub frame_ms: f64,

@@ -13,7 +13,7 @@ use crate::config::Layers;
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::scene::info::{SceneInfo, summarise};
-use crate::trace::{BufferBytes, SceneBuffers};
+use crate::trace::{BufferBytes, SceneBuffers, SceneData};
 
 /// Arguments of `foveate scene info`.
 #[derive(Debug, clap::Args)]
@@ -49,8 +49,9 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
-    let buffers = SceneBuffers::upload(&machine.device, &loaded.scene, &loaded.bvh, &loaded.environment)?;
-    let device_buffers = buffers.bytes();
+    let data = SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?;
+    let buffers = SceneBuffers::upload(&machine.device, &data)?;
+    let device_buffers = data.bytes();
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),
