@@ -5,6 +5,7 @@
 mod common;
 
 mod cycles;
+mod extras;
 mod frames;
 mod losses;
 mod states;

@@ -245,7 +245,9 @@ impl Presentation<'_> {
         let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
         run.stats.push(Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), report }, on_time);
         let views = self.views(&shown, &session.sizes(), &run.wearer);
-        run.told.views = views.iter().map(ViewSummary::of).collect();
+        let each = views.iter().enumerate();
+        run.told.views =
+            each.map(|(index, view)| ViewSummary::of(view, self.sharp(&views, &sharp, index))).collect();
         Ok(())
     }
 
@@ -299,10 +301,7 @@ impl Presentation<'_> {
             hidden: None,
             outputs,
         };
-        let look = |index: usize| match self.gaze {
-            Some(_) => Sharp { point: self.toward(&views[0], &views[index]), widening: 1.0 },
-            None => sharp[index],
-        };
+        let look = |index: usize| self.sharp(views, sharp, index);
         let size = |view: &View| (view.width, view.height);
         match (self.config.view.stereo, views) {
             (Stereo::PerEye, _) => {
@@ -328,6 +327,14 @@ impl Presentation<'_> {
                 Ok(vec![shot(*view, sharp, outputs.collect())])
             }
             _ => Err(per_eye("it has more than two views")),
+        }
+    }
+
+    /// Where a view is sharp: where the settings say, or the wearer's eyes.
+    fn sharp(&self, views: &[View], eyes: &[Sharp], index: usize) -> Sharp {
+        match self.gaze {
+            Some(_) => Sharp { point: self.toward(&views[0], &views[index]), widening: 1.0 },
+            None => eyes[index],
         }
     }
 
@@ -359,7 +366,7 @@ fn scaled(fov: FieldOfView, fov_y: f64) -> FieldOfView {
 }
 
 impl ViewSummary {
-    fn of(view: &View) -> Self {
+    fn of(view: &View, sharp: Sharp) -> Self {
         let FieldOfView { left, right, up, down } = view.fov;
         ViewSummary {
             width: view.width,
@@ -367,6 +374,8 @@ impl ViewSummary {
             fov: [left, right, up, down].map(|tangent| tangent.atan().to_degrees()),
             position: view.world_from_eye.position.to_array(),
             rotation: view.world_from_eye.rotation.to_array(),
+            gaze: sharp.point.to_array(),
+            widening: sharp.widening,
         }
     }
 }

@@ -73,8 +73,9 @@ fn cover(hidden: &mut [bool], across: usize, down: usize, [a, b, c]: [DVec2; 3])
     }
 }
 
-/// Pixels by which a triangle is widened, so that points on the edge of two are in one.
-const SLACK: f64 = 1e-6;
+/// Pixels by which a triangle is widened, so that points on the edge of two are in one, and points on the
+/// edge of the view are in what runtimes, which round to single precision, hide up to that edge.
+const SLACK: f64 = 1e-3;
 
 #[cfg(test)]
 mod tests {
