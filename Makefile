@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench trade lint install-udev
+.PHONY: help demo test test-remote test-hid bench bench-fleet trade gpu-check-bundle lint install-udev
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -27,10 +27,30 @@ test: ## Install what the tests need and run all of them; ARGS="--test foveation
 	scripts/install-packages.sh test
 	scripts/run-tests.sh $(ARGS)
 
-bench: ## Measure a frame's cost and accuracy; ARGS="--scenes demo" passes arguments on
+test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
+	@$(need_cargo)
+	scripts/install-packages.sh remote
+	cargo build
+	scripts/test-remote.sh
+
+test-hid: ## Read a virtual Rift DK1 in a real kernel (QEMU; Debian)
+	@$(need_cargo)
+	scripts/test-hid.sh
+
+bench: ## Measure frames, and rays beside Embree and obvhs; ARGS="--scenes demo" goes to the first, RAYS="--scenes sponza" to the second
+	@$(need_cargo)
+	scripts/install-packages.sh bench
+	cargo bench --bench frame -- $(ARGS)
+	cargo bench --bench speed -- $(RAYS)
+
+gpu-check-bundle: ## Pack what scripts/gpu-check.sh needs on a machine with a GPU and nothing but its driver
+	@$(need_cargo)
+	scripts/gpu-check.sh pack out/gpu-check.tar.gz
+
+bench-fleet: ## Measure what sharing frames costs and gains; ARGS="--frames 12" passes arguments on
 	@$(need_cargo)
 	scripts/install-packages.sh demo
-	cargo bench --bench frame -- $(ARGS)
+	cargo bench --bench fleet -- $(ARGS)
 
 trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few minutes, else hours
 	@$(need_cargo)

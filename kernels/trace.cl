@@ -1,22 +1,21 @@
 // Camera rays: the first hit of every pixel, or of every sample.
 
-// hits[y * width + x] for all pixels from row `first_row` on; a work-item takes 8 by 8 of them.
-__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, uint first_row, uint rows, __global HitRecord *hits)
+// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes 8 by 8 of them.
+__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
+                           __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint across = (camera.width + BLOCK - 1u) / BLOCK;
-    uint item = (uint)get_global_id(0);
-    uint left = item % across * BLOCK, top = item / across * BLOCK;
-    if (top >= rows)
+    uint left, top;
+    if (!block_corner(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top))
         return;
     Block block;
-    set_block(&block, &camera, left, first_row + top);
+    set_block(&block, &camera, left, top);
     trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, camera.seed);
-    uint columns = min(camera.width - left, BLOCK), lines = min(rows - top, BLOCK);
+    uint columns = min(camera.width - left, BLOCK), lines = min(camera.height - top, BLOCK);
     for (uint y = 0; y < lines; ++y)
         for (uint x = 0; x < columns; ++x) {
             HitRecord hit = {((uint *)&block.triangle[y])[x], ((float *)&block.t_max[y])[x]};
-            hits[(first_row + top + y) * camera.width + left + x] = hit;
+            hits[(top + y) * camera.width + left + x] = hit;
         }
 }
 

@@ -3,15 +3,19 @@
 #   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe), and keyboards of windows
 #   scripts/install-packages.sh test    the same, and what the tests start
 #   scripts/install-packages.sh bench   the same as demo, and what benchmarks compare with (Embree 4, a C++ compiler)
+#   scripts/install-packages.sh remote  the same as demo, and what PoCL's network driver is built with
+#   scripts/install-packages.sh hid     the virtual machine of scripts/test-hid.sh
 # Does nothing when all of them are there; uses sudo where it is not run by root.
 set -euo pipefail
 
 demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
 test=("${demo[@]}" vulkan-validationlayers libopenxr-loader1 openxr-layer-corevalidation xvfb x11-apps)
-bench=("${demo[@]}" libembree-dev g++)
+hid=(qemu-system-x86 binutils xz-utils)
 # The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.
 { . /etc/os-release; } 2>/dev/null || true
 [[ "${ID:-}" == ubuntu ]] || test+=(chromium)
+bench=("${demo[@]}" libembree-dev g++)
+remote=("${demo[@]}" cmake git g++ make pkg-config ocl-icd-dev ocl-icd-opencl-dev clinfo)
 # An OpenXR runtime with a simulated headset: its service, and what it loads into programs.
 monado=(monado-service libopenxr1-monado)
 # Where it goes on Debian 12, which has none.
@@ -23,7 +27,9 @@ case "${1:-demo}" in
   demo) wanted=("${demo[@]}"); monado=() ;;
   test) wanted=("${test[@]}") ;;
   bench) wanted=("${bench[@]}"); monado=() ;;
-  *) echo "usage: $0 [demo|test|bench]" >&2; exit 2 ;;
+  remote) wanted=("${remote[@]}"); monado=() ;;
+  hid) wanted=("${hid[@]}"); monado=() ;;
+  *) echo "usage: $0 [demo|test|bench|remote|hid]" >&2; exit 2 ;;
 esac
 
 if ! command -v apt-get >/dev/null; then

@@ -269,6 +269,43 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
     return stored;
 }
 
+typedef union {
+    int8 vector;
+    uint lane[8];
+} IntLanes;
+
+// Pushes the children that rays have met. All eight are written, and the stack grows by those that count:
+// which they are cannot be predicted, and branches would cost more.
+static uint push_any(uint2 *stack, uint depth, __global const WideNode *node, const IntLanes *met)
+{
+    for (uint child = 0; child < 8u; ++child) {
+        stack[depth] = (uint2)(node->children[child], met->lane[child]);
+        depth += met->lane[child] ? 1u : 0u;
+    }
+    return depth;
+}
+
+// The same with the nearest child, as the first ray sees it, on top: each goes as many places above `depth`
+// as there are farther ones. What no ray has met counts as nearest, and lands beyond the top.
+static uint push_nearest(uint2 *stack, uint depth, __global const WideNode *node, const IntLanes *met, float8 entry)
+{
+    const int8 index = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
+    Lanes at;
+    at.vector = select((float8)-1.0f, entry, met->vector != 0);
+    IntLanes place;
+    place.vector = (int8)depth;
+    for (int other = 0; other < 8; ++other) {
+        float8 that = at.lane[other];
+        // Comparisons are -1 where they hold.
+        place.vector -= (that > at.vector) | ((that == at.vector) & (index > (int8)other));
+    }
+    for (uint child = 0; child < 8u; ++child) {
+        stack[place.lane[child]] = (uint2)(node->children[child], met->lane[child]);
+        depth += met->lane[child] ? 1u : 0u;
+    }
+    return depth;
+}
+
 // Traces the rays of `mask`; returns those that hit something. For CLOSEST_FRONT the stream's t_max
 // and triangle hold the hits.
 __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 origin, float3 low, Stream *s, uint mask, uint kind, uint seed)
@@ -296,32 +333,12 @@ __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 or
         }
         __global const WideNode *node = scene->nodes + top.x;
         float8 entry;
-        union {
-            int8 vector;
-            uint lane[8];
-        } met;
+        IntLanes met;
         met.vector = meet_children(node, origin, low, s, active, &entry);
-        uint base = depth;
-        for (uint child = 0; child < 8u; ++child) {
-            uint link = node->children[child];
-            if (!met.lane[child] || link == EMPTY)
-                continue;
-            uint place = depth++;
-            if (kind != ANY) {
-                // The nearest child, as the first ray sees it, goes to the top of the stack.
-                float at = ((const float *)&entry)[child];
-                while (place > base && at > ((const float *)&entry)[stack[place - 1u].x & 7u]) {
-                    stack[place] = stack[place - 1u];
-                    --place;
-                }
-                stack[place] = (uint2)(child, met.lane[child]);
-                continue;
-            }
-            stack[place] = (uint2)(link, met.lane[child]);
-        }
-        if (kind != ANY)
-            for (uint place = base; place < depth; ++place)
-                stack[place].x = node->children[stack[place].x];
+        if (kind == ANY)
+            depth = push_any(stack, depth, node, &met);
+        else
+            depth = push_nearest(stack, depth, node, &met, entry);
     }
     return hits;
 }

@@ -8,7 +8,7 @@ use glam::Vec3;
 /// Bins along each axis.
 const BINS: usize = 16;
 /// Below this depth sets are halved by count, so that no tree gets deeper than this plus 28.
-const DEPTH_LIMIT: u32 = 60;
+pub(super) const DEPTH_LIMIT: u32 = 60;
 /// Sets smaller than this are built by one thread.
 const PARALLEL_SET: usize = 4096;
 
@@ -80,6 +80,12 @@ pub enum Node {
 }
 
 impl Node {
+    /// The parent of two nodes.
+    pub fn over(children: [Node; 2]) -> Node {
+        let bounds = children[0].bounds().union(children[1].bounds());
+        Node::Inner { bounds, count: children[0].count() + children[1].count(), children: Box::new(children) }
+    }
+
     /// Bounds of everything below.
     pub fn bounds(&self) -> Bounds {
         match self {
@@ -97,25 +103,42 @@ impl Node {
     }
 }
 
-/// Builds a tree; `primitives` is not empty and gets reordered.
-pub fn build(primitives: &mut [Primitive]) -> Node {
-    build_set(primitives, 0)
+/// Builds a tree; `primitives` is not empty and gets reordered. `placed` is told of primitives that have
+/// found their place, a few thousand at a time.
+pub fn build(primitives: &mut [Primitive], placed: &(dyn Fn(usize) + Sync)) -> Node {
+    build_set(primitives, 0, placed)
 }
 
-fn build_set(primitives: &mut [Primitive], depth: u32) -> Node {
+/// Halves a set by count until nothing is left to halve; it is not empty, and lies `depth` levels deep.
+pub(super) fn halved(primitives: &mut [Primitive], depth: u32) -> Node {
+    build_set(primitives, depth.max(DEPTH_LIMIT), &|_| ())
+}
+
+fn build_set(primitives: &mut [Primitive], depth: u32, placed: &(dyn Fn(usize) + Sync)) -> Node {
     if let [only] = primitives {
         return Node::Leaf(*only);
     }
-    let count = primitives.len() as u32;
+    let count = primitives.len();
     let middle = split(primitives, depth);
     let (left, right) = primitives.split_at_mut(middle);
     let children = if left.len() + right.len() >= PARALLEL_SET {
-        rayon::join(|| build_set(left, depth + 1), || build_set(right, depth + 1))
+        // Parts of large sets that are themselves small are told of here.
+        let part = |set: &mut [Primitive]| {
+            let len = set.len();
+            let node = build_set(set, depth + 1, placed);
+            if len < PARALLEL_SET {
+                placed(len);
+            }
+            node
+        };
+        rayon::join(|| part(left), || part(right))
     } else {
-        (build_set(left, depth + 1), build_set(right, depth + 1))
+        (build_set(left, depth + 1, placed), build_set(right, depth + 1, placed))
     };
-    let bounds = children.0.bounds().union(children.1.bounds());
-    Node::Inner { bounds, count, children: Box::new([children.0, children.1]) }
+    if depth == 0 && count < PARALLEL_SET {
+        placed(count);
+    }
+    Node::over([children.0, children.1])
 }
 
 /// Reorders a set of at least two and returns where its second part begins.

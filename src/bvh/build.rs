@@ -3,8 +3,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use super::LEAF_TRIANGLES;
 use super::binary::{self, Bounds, Node, Primitive};
+use super::improve;
 use super::wide::{LEAF, LeafSlot, WideBvh, WideNode};
 
 /// Cost of a binary node in units of a leaf's test. One wide node stands for up to seven binary
@@ -14,22 +17,51 @@ const NODE_COST: f64 = 1.0 / 7.0;
 impl WideBvh {
     /// Builds a tree over triangles with finite vertices, on all cores.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]]) -> WideBvh {
+        WideBvh::build_and_tell(positions, triangles, &|_| ())
+    }
+
+    /// [`WideBvh::build`], telling how much of it is done, from 0 to 1.
+    ///
+    /// Two trees are built where some triangles fill little of their boxes, from above and from below, and the
+    /// better one is kept; elsewhere the one from above is.
+    pub fn build_and_tell(
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+        tell: &(dyn Fn(f64) + Sync),
+    ) -> WideBvh {
         assert!(triangles.len() < 1 << 28, "leaves count their triangles in 28 bits");
-        let mut wide = WideBvh { nodes: vec![WideNode::VACANT], order: Vec::with_capacity(triangles.len()) };
         if triangles.is_empty() {
-            return wide;
+            return WideBvh { nodes: vec![WideNode::VACANT], order: Vec::new() };
         }
         let mut primitives: Vec<Primitive> = triangles
             .par_iter()
             .enumerate()
-            .map(|(index, corners)| {
-                let [a, b, c] = corners.map(|corner| positions[corner as usize]);
-                let bounds = Bounds { lower: a.min(b).min(c), upper: a.max(b).max(c) };
+            .map(|(index, &corners)| {
+                let bounds = improve::bounds_of(&corners.map(|corner| positions[corner as usize]));
                 Primitive { bounds, triangle: index as u32 }
             })
             .collect();
-        let root = binary::build(&mut primitives);
-        drop(primitives);
+        improve::cut(&mut primitives, |index| {
+            triangles[index as usize].map(|corner| positions[corner as usize])
+        });
+        assert!(primitives.len() < 1 << 28, "leaves count their triangles in 28 bits");
+        let has_long_triangles = primitives.len() > triangles.len();
+        let total = primitives.len() as f64 * if has_long_triangles { 2.0 } else { 1.2 };
+        let done = AtomicUsize::new(0);
+        let placed = |count: usize| tell((done.fetch_add(count, Ordering::Relaxed) + count) as f64 / total);
+        let root = binary::build(&mut primitives, &placed);
+        let from_above = WideBvh::from_binary(improve::reinserted(root));
+        if !has_long_triangles {
+            return from_above;
+        }
+        let from_below = WideBvh::from_binary(improve::clustered(&primitives));
+        if from_below.cost().sum() < from_above.cost().sum() { from_below } else { from_above }
+    }
+
+    /// Makes a tree wide, whoever built it.
+    pub fn from_binary(root: Node) -> WideBvh {
+        let mut wide =
+            WideBvh { nodes: vec![WideNode::VACANT], order: Vec::with_capacity(root.count() as usize) };
         wide.collapse(&Choice::of(root));
         wide
     }
@@ -92,6 +124,9 @@ impl Choice {
                     let mut triangles = Vec::with_capacity(count);
                     left.gather(&mut triangles);
                     right.gather(&mut triangles);
+                    // Pieces of one triangle may have come together.
+                    triangles.sort_unstable();
+                    triangles.dedup();
                     return (Choice::Leaf { bounds, triangles }, area);
                 }
                 (Choice::Inner { bounds, children: Box::new([left, right]) }, cost)
@@ -186,6 +221,39 @@ mod tests {
         let bvh = WideBvh::build(&positions, &triangles);
         bvh.validate(&positions, &triangles).unwrap();
         assert!(bvh.depth() <= crate::bvh::MAX_DEPTH);
+    }
+
+    #[test]
+    fn long_triangles_are_cut_and_trees_come_out_the_same_again() {
+        let (mut positions, mut triangles) = cloud(5000);
+        for i in 0..400 {
+            let from = Vec3::new(0.02 * i as f32, 0.0, 0.0);
+            let first = positions.len() as u32;
+            positions.extend([from, from + Vec3::splat(9.0), from + Vec3::new(9.0, 9.1, 9.0)]);
+            triangles.push([first, first + 1, first + 2]);
+        }
+        let bvh = WideBvh::build(&positions, &triangles);
+        bvh.validate(&positions, &triangles).unwrap();
+        assert!(bvh.order.len() > triangles.len(), "none was cut");
+        assert_eq!(bvh, WideBvh::build(&positions, &triangles));
+        let mut whole: Vec<Primitive> = (triangles.iter().enumerate())
+            .map(|(index, corners)| Primitive {
+                bounds: improve::bounds_of(&corners.map(|corner| positions[corner as usize])),
+                triangle: index as u32,
+            })
+            .collect();
+        let plain = WideBvh::from_binary(binary::build(&mut whole, &|_| ()));
+        assert!(bvh.cost().sum() < plain.cost().sum(), "{:?} {:?}", bvh.cost(), plain.cost());
+    }
+
+    #[test]
+    fn building_tells_how_far_it_is() {
+        let (positions, triangles) = cloud(20_000);
+        let told = std::sync::Mutex::new(Vec::new());
+        WideBvh::build_and_tell(&positions, &triangles, &|done| told.lock().unwrap().push(done));
+        let told = told.into_inner().unwrap();
+        let last = told.iter().copied().fold(0.0, f64::max);
+        assert!(told.len() > 3 && last > 0.4 && last <= 1.0, "{told:?}");
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! The bounding volume hierarchy that the kernels walk: eight children a node.
 //!
-//! A binary tree is built by the surface area heuristic and collapsed to eight children a node;
+//! A binary tree is built by the surface area heuristic, improved, and collapsed to eight children a node;
 //! triangles are laid out in the order of its leaves.
 
 pub mod binary;
 mod build;
+pub mod cache;
+mod improve;
 pub mod wide;
 
 pub use wide::{WideBvh, WideNode};

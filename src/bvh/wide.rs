@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::LEAF_TRIANGLES;
+use super::binary::Bounds;
 
 /// A child slot without a child.
 pub const EMPTY: u32 = u32::MAX;
@@ -74,6 +75,28 @@ impl WideBvh {
         vertices
     }
 
+    /// What a ray costs that crosses the root's box anywhere in any direction, by the surface area
+    /// heuristic: the nodes and the leaves that it visits on average.
+    pub fn cost(&self) -> Cost {
+        let (mut cost, mut root) = (Cost { nodes: 0.0, leaves: 0.0 }, Bounds::EMPTY);
+        for (index, node) in self.nodes.iter().enumerate() {
+            for slot in (0..8).filter(|&slot| node.children[slot] != EMPTY) {
+                let bounds = Bounds {
+                    lower: Vec3::from_array(node.lower.map(|row| row[slot])),
+                    upper: Vec3::from_array(node.upper.map(|row| row[slot])),
+                };
+                if index == 0 {
+                    root = root.union(bounds);
+                }
+                let visits = if node.children[slot] & LEAF != 0 { &mut cost.leaves } else { &mut cost.nodes };
+                *visits += bounds.half_area();
+            }
+        }
+        let area = root.half_area();
+        let share = |sum: f64| if area > 0.0 { sum / area } else { 0.0 };
+        Cost { nodes: 1.0 + share(cost.nodes), leaves: share(cost.leaves) }
+    }
+
     /// Levels of nodes; 1 for a root alone.
     pub fn depth(&self) -> u32 {
         let mut depth = vec![1u32; self.nodes.len()];
@@ -85,13 +108,13 @@ impl WideBvh {
         depth.into_iter().max().unwrap_or(0)
     }
 
-    /// Checks the whole tree against its triangles: every triangle in exactly one leaf, every child's
-    /// bounds around its triangles, every reference in range.
+    /// Checks the whole tree against its triangles: every triangle in one leaf whose bounds hold it, or in
+    /// several whose bounds hold many points of it; every reference in range.
     ///
     /// # Errors
     /// A sentence about the first violation.
     pub fn validate(&self, positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), String> {
-        let mut seen = vec![false; triangles.len()];
+        let mut homes: Vec<Vec<(Vec3, Vec3)>> = vec![Vec::new(); triangles.len()];
         let mut pending = vec![(0u32, None::<(Vec3, Vec3)>)];
         while let Some((index, bounds)) = pending.pop() {
             let node = self.nodes.get(index as usize).ok_or(format!("node {index} does not exist"))?;
@@ -118,21 +141,52 @@ impl WideBvh {
                     if leaf.lane as usize != place - first || leaf.leaf_len as usize != count {
                         return Err(format!("leaf place {place} has a wrong lane"));
                     }
-                    if std::mem::replace(&mut seen[leaf.triangle as usize], true) {
-                        return Err(format!("triangle {} is in two leaves", leaf.triangle));
-                    }
-                    for &vertex in &triangles[leaf.triangle as usize] {
-                        let p = positions[vertex as usize];
-                        if p.cmplt(lower).any() || p.cmpgt(upper).any() {
-                            return Err(format!("triangle {} reaches out of its leaf", leaf.triangle));
-                        }
-                    }
+                    homes[leaf.triangle as usize].push((lower, upper));
                 }
             }
         }
-        match seen.iter().position(|s| !s) {
-            Some(lost) => Err(format!("triangle {lost} is in no leaf")),
-            None => Ok(()),
+        for (index, (triangle, homes)) in triangles.iter().zip(&homes).enumerate() {
+            if homes.is_empty() {
+                return Err(format!("triangle {index} is in no leaf"));
+            }
+            let held = |p: Vec3| homes.iter().any(|(l, u)| p.cmpge(*l).all() && p.cmple(*u).all());
+            let corners = triangle.map(|vertex| positions[vertex as usize]);
+            if !points_of(corners, if homes.len() == 1 { 1 } else { 24 }).into_iter().all(held) {
+                return Err(format!("triangle {index} reaches out of its leaves"));
+            }
         }
+        Ok(())
+    }
+}
+
+/// Points of a triangle: its corners, and what divides its edges in `steps`, with the points between.
+fn points_of([a, b, c]: [Vec3; 3], steps: u32) -> Vec<Vec3> {
+    let at = |i: u32, j: u32| {
+        if i == steps {
+            b
+        } else if j == steps {
+            c
+        } else {
+            let (u, v) = (f64::from(i) / f64::from(steps), f64::from(j) / f64::from(steps));
+            let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+            (a * (1.0 - u - v) + b * u + c * v).as_vec3()
+        }
+    };
+    (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| at(i, j))).collect()
+}
+
+/// What rays visit; see [`WideBvh::cost`].
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Cost {
+    /// Nodes.
+    pub nodes: f64,
+    /// Leaves.
+    pub leaves: f64,
+}
+
+impl Cost {
+    /// Both together: a node and a leaf take about the same time.
+    pub fn sum(&self) -> f64 {
+        self.nodes + self.leaves
     }
 }

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::machine::choose;
+use super::machine;
 use super::options::{RenderOptions, eye_fov};
 use super::output;
+use crate::bvh::WideBvh;
+use crate::bvh::wide::Cost;
 use crate::config::Config;
 use crate::error::Result;
 use crate::foveation::Pattern;
@@ -28,7 +30,7 @@ pub struct Args {
     /// How many times every kind of ray is traced; the median counts.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repetitions: u32,
-    /// Build the kernels as a first start does, with nothing in the driver's cache, and tell how long that took.
+    /// Tell also how long a first start takes: build the kernels and the tree with nothing in a cache.
     #[arg(long)]
     cold: bool,
     /// Write triangles, rays and answers to a file, for other tracers to be measured on the same.
@@ -51,7 +53,13 @@ struct Report {
 struct Tree {
     nodes: usize,
     depth: u32,
-    build_ms: f64,
+    /// What a ray visits on average, by the surface area heuristic.
+    cost: Cost,
+    /// To build the tree, or to find it in the cache.
+    ready_ms: f64,
+    cached: bool,
+    /// To build it, where it was not in the cache, or `--cold` asked for it.
+    build_ms: Option<f64>,
     /// Nodes, vertices in leaf order, and what hits need to know of a triangle.
     bytes_per_triangle: f64,
 }
@@ -93,7 +101,13 @@ pub fn run(args: &Args) -> Result<()> {
     let count = config.foveation.samples.of(view.pixels());
     let gaze = args.options.gaze().unwrap_or(glam::DVec2::splat(0.5));
     let pattern = Pattern::new(&view, &config.foveation.law, gaze, count);
-    let build_ms = loaded.steps.iter().find(|step| step.name == "bvh").map_or(0.0, |step| step.ms);
+    let ready_ms = loaded.steps.iter().find(|step| step.name == "bvh").map_or(0.0, |step| step.ms);
+    let cached = loaded.bvh_was_cached;
+    let build_ms = match (cached, args.cold) {
+        (false, _) => Some(ready_ms),
+        (true, true) => Some(time_to_build(&loaded.scene)),
+        (true, false) => None,
+    };
     let bench = Bench {
         features: Features::required_by(&loaded.scene, &loaded.environment),
         environment: loaded.environment,
@@ -111,7 +125,7 @@ pub fn run(args: &Args) -> Result<()> {
     let report = Report {
         scene: args.scene.display().to_string(),
         triangles: bench.shape.mesh.triangles.len(),
-        bvh: bench.tree(build_ms, &probes[0]),
+        bvh: Tree { ready_ms, cached, build_ms, ..bench.tree(&probes[0]) },
         view: Asked {
             width: view.width,
             height: view.height,
@@ -127,20 +141,22 @@ pub fn run(args: &Args) -> Result<()> {
     if args.options.config.json { output::print_json(&report) } else { output::print_line(&report.text()) }
 }
 
-/// The device that was asked for, or every usable one.
+/// The devices that were asked for, or every usable one.
 fn open(config: &Config) -> Result<Vec<Device>> {
     let infos = device::list();
-    let chosen = choose(&infos, &config.devices.opencl, &[0; 16])?;
-    if !config.devices.opencl.is_empty() {
-        return Ok(vec![Device::open(&infos[chosen])?]);
-    }
-    infos.iter().filter(|info| info.unusable.is_none()).map(Device::open).collect()
+    machine::open(&infos, &config.devices, &[0; 16])
 }
 
 fn view(args: &Args, config: &Config, loaded: &Loaded) -> Result<View> {
     let (world_from_eye, fov_y) = args.options.viewpoint(&loaded.scene, config)?;
     let (width, height) = (config.view.width, config.view.height);
     Ok(View { world_from_eye, fov: eye_fov(fov_y, width, height), width, height })
+}
+
+fn time_to_build(scene: &Scene) -> f64 {
+    let start = std::time::Instant::now();
+    drop(WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles));
+    start.elapsed().as_secs_f64() * 1e3
 }
 
 /// Every kind on every device in turn, again and again; a first time that does not count.
@@ -161,21 +177,22 @@ fn measure(probes: &[Probe], repetitions: u32) -> Result<Vec<Rates>> {
 
 struct Bench {
     shape: Scene,
-    bvh: crate::bvh::WideBvh,
+    bvh: WideBvh,
     environment: Environment,
     features: Features,
 }
 
 impl Bench {
-    fn tree(&self, build_ms: f64, probe: &Probe) -> Tree {
-        let of_tree = ["nodes", "leaves", "triangles"];
-        let bytes: usize =
-            probe.scene().bytes().iter().filter(|b| of_tree.contains(&b.name)).map(|b| b.bytes).sum();
+    fn tree(&self, probe: &Probe) -> Tree {
         Tree {
             nodes: self.bvh.nodes.len(),
             depth: self.bvh.depth(),
-            build_ms,
-            bytes_per_triangle: bytes as f64 / self.shape.mesh.triangles.len().max(1) as f64,
+            cost: self.bvh.cost(),
+            ready_ms: 0.0,
+            cached: false,
+            build_ms: None,
+            bytes_per_triangle: probe.scene().tree_bytes() as f64
+                / self.shape.mesh.triangles.len().max(1) as f64,
         }
     }
 
@@ -188,7 +205,7 @@ impl Bench {
             platform: info.platform.clone(),
             driver: info.driver.clone(),
             kernels: kernel_times(device, &Features { sun, ..self.features }, self.bvh.depth(), cold)?,
-            device_bytes: probe.scene().bytes().iter().map(|b| b.bytes).sum(),
+            device_bytes: probe.bytes().iter().map(|b| b.bytes).sum(),
             rays: rates.summary().into_iter().map(|(kind, rate)| Row { kind, rate }).collect(),
         })
     }
@@ -197,12 +214,13 @@ impl Bench {
 impl Report {
     fn text(&self) -> String {
         let mut text = format!(
-            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms, {:.0} bytes a triangle\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
+            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}, {:.0} bytes a triangle\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
             self.scene,
             self.triangles,
             self.bvh.nodes,
             self.bvh.depth,
-            self.bvh.build_ms,
+            self.bvh.ready_ms,
+            if self.bvh.cached { " from the cache" } else { "" },
             self.bvh.bytes_per_triangle,
             self.view.width,
             self.view.height,

@@ -13,7 +13,7 @@ use crate::config::{Config, Layers, Stereo, TargetMs, ViewConfig};
 use crate::error::{Error, Result};
 use crate::frame::budget;
 use crate::frame::log::{FrameLog, FrameRecord};
-use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
+use crate::frame::{FrameReport, Loaded, Output, Plan, Step};
 use crate::headset::mock::{PictureSink, Profile, Script};
 use crate::math::pose::Pose;
 use crate::whole_file;
@@ -137,13 +137,7 @@ impl Session<'_> {
     /// Where a device fails or a file cannot be written.
     pub fn run(&self, frames: impl Fn(f64) -> u32, seconds: f64) -> Result<Summary> {
         let profile = &self.profile;
-        let (mut renderer, steps) = Renderer::new(
-            &self.machine.device,
-            &self.machine.context,
-            self.loaded,
-            self.config,
-            Output::Display,
-        )?;
+        let (mut renderer, steps) = self.machine.renderer(self.loaded, self.config, Output::Display)?;
         let reach = reach(self.loaded);
         let script = |seconds| Script::demo(self.rest, seconds).with_reach(reach);
 
@@ -159,6 +153,7 @@ impl Session<'_> {
         if let Some(controller) = &mut controller {
             controller.observe(warm.frame_ms, warm.pattern_ms);
         }
+        output::print_warnings(&renderer.take_notes());
         let count = frames(warm.frame_ms).max(1);
 
         // Nothing of an earlier run is replaced before this one has shown that it works.
@@ -180,6 +175,7 @@ impl Session<'_> {
             if let Some(controller) = &mut controller {
                 controller.observe(report.frame_ms, report.pattern_ms);
             }
+            output::print_warnings(&renderer.take_notes());
             sink.push(frame as usize, plan.width, plan.height, renderer.picture()?)?;
             log.push(&FrameRecord { budget: held, ..record(frame, time, &plan, &report, gaze, head) })?;
             reports.push(report);
@@ -218,6 +214,7 @@ fn record(frame: u32, time: f64, plan: &Plan, report: &FrameReport, gaze: DVec2,
         share_ms: report.stages.share,
         reconstruct_ms: report.stages.reconstruct,
         frame_ms: report.frame_ms,
+        devices: report.devices.clone(),
         gaze,
         head_position: head.position,
         head_orientation: head.rotation,

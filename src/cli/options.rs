@@ -13,7 +13,7 @@ use crate::scene::viewpoint::default_viewpoint;
 
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct ConfigOptions {
+pub struct Overrides {
     /// Settings that come with the program, measured on several scenes: fast, balanced or accurate.
     #[arg(long, value_name = "NAME")]
     preset: Option<String>,
@@ -30,6 +30,17 @@ pub struct ConfigOptions {
     /// Stay at this foveated score, 0 to 10, where the frame time allows it.
     #[arg(long, value_name = "SCORE")]
     target_score: Option<f64>,
+    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
+    /// all that work by default.
+    #[arg(long, visible_alias = "device", value_name = "NAME,...")]
+    devices: Option<String>,
+}
+
+/// Settings from files and `--set`, and how results are printed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfigOptions {
+    #[command(flatten)]
+    overrides: Overrides,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
@@ -37,10 +48,20 @@ pub struct ConfigOptions {
 
 impl ConfigOptions {
     /// The defaults under files under assignments.
+    pub fn layers(&self, layers: Layers) -> Result<Layers> {
+        self.overrides.layers(layers)
+    }
+}
+
+impl Overrides {
+    /// The defaults under files under assignments.
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.preset.iter().try_for_each(|name| layers.preset(name))?;
         self.config.iter().try_for_each(|path| layers.file(path))?;
         self.set.iter().try_for_each(|assignment| layers.assign(assignment))?;
+        if let Some(devices) = &self.devices {
+            layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
+        }
         let target_ms = self.target_ms.as_deref().map(number_or_name);
         let target_score = self.target_score.map(toml::Value::Float);
         let flags = [
@@ -109,9 +130,6 @@ pub struct RenderOptions {
     /// Seed of the random numbers: the same one gives the same picture on the same device.
     #[arg(long, help_heading = "Tracing")]
     seed: Option<u32>,
-    /// OpenCL device that traces: its number in `foveate devices`, or a part of its name.
-    #[arg(long, value_name = "NAME", help_heading = "Tracing")]
-    device: Option<String>,
 }
 
 impl RenderOptions {
@@ -156,7 +174,6 @@ impl RenderOptions {
             ("--rays", "trace.rays", whole(self.rays)),
             ("--bounces", "trace.bounces", whole(self.bounces)),
             ("--seed", "trace.seed", whole(self.seed)),
-            ("--device", "devices.opencl", text(&self.device)),
         ];
         Ok(flags.into_iter().filter_map(|(flag, key, value)| Some((flag, key, value?))).collect())
     }

@@ -60,7 +60,8 @@ pub fn run(args: &Args) -> Result<()> {
     let plan = plan(&args.options, &config, &loaded)?;
     let averaged = args.passes > 1;
     let output = if kind == FileKind::Exr || averaged { Output::Radiance } else { Output::Display };
-    let (mut renderer, steps) = Renderer::new(&machine.device, &machine.context, &loaded, &config, output)?;
+    let (mut renderer, steps) = machine.renderer(&loaded, &config, output)?;
+    output::print_warnings(&renderer.take_notes());
     let gaze = args.options.gaze().map(|gaze| plan.gaze_points(gaze)).unwrap_or_default();
 
     let mut frames = Vec::new();

@@ -2,6 +2,7 @@
 
 mod present;
 mod stats;
+mod wearer;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -34,7 +35,7 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.config_over(Layers::over(stereo_defaults()))?;
     let stop = stop_signal()?;
     // Whether there is a headset is known at once, and a scene may take long.
-    let runtime = Runtime::connect().map_err(Fault::into_error)?;
+    let runtime = Runtime::connect(config.headset.insets).map_err(Fault::into_error)?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     super::render::require_triangles(&args.scene, &loaded)?;
     output::print_warnings(&loaded.warnings);

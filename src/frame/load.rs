@@ -3,7 +3,10 @@
 use std::path::Path;
 use std::time::Instant;
 
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
 use crate::bvh::WideBvh;
+use crate::bvh::cache::TreeCache;
 use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
 use crate::scene::sky::Sky;
@@ -25,6 +28,8 @@ pub struct Loaded {
     pub scene: Scene,
     /// Its tree.
     pub bvh: WideBvh,
+    /// The tree was found on disk, not built.
+    pub bvh_was_cached: bool,
     /// Its light.
     pub environment: Environment,
     /// What was done for it.
@@ -56,10 +61,39 @@ impl Loaded {
             || timed("environment", || environment(&config.environment)),
         );
         let ((scene, scene_step), ((environment, mut warnings), light_step)) = (scene?, light?);
-        let (bvh, bvh_step) =
-            timed("bvh", || Ok(WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles)))?;
+        let ((bvh, bvh_was_cached), bvh_step) = timed("bvh", || Ok(tree_of(&scene)))?;
         warnings.extend(scene.warnings.iter().cloned());
-        Ok(Loaded { scene, bvh, environment, steps: vec![scene_step, light_step, bvh_step], warnings })
+        Ok(Loaded {
+            scene,
+            bvh,
+            bvh_was_cached,
+            environment,
+            steps: vec![scene_step, light_step, bvh_step],
+            warnings,
+        })
+    }
+}
+
+/// The scene's tree from the user's cache, and whether it was there; else built, under a progress bar where
+/// standard error is a terminal.
+fn tree_of(scene: &Scene) -> (WideBvh, bool) {
+    let (positions, triangles) = (&scene.mesh.positions, &scene.mesh.triangles);
+    let build = || {
+        const STEPS: u64 = 1000;
+        let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
+        if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {percent} %, {elapsed}") {
+            bar.set_style(style);
+        }
+        bar.set_message("building the tree");
+        let tree = WideBvh::build_and_tell(positions, triangles, &|done| {
+            bar.set_position((done * STEPS as f64) as u64);
+        });
+        bar.finish_and_clear();
+        tree
+    };
+    match TreeCache::of_user() {
+        Some(cache) => cache.find_or(positions, triangles, build),
+        None => (build(), false),
     }
 }
 

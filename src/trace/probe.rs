@@ -11,9 +11,9 @@ use crate::layout::{self, HitRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Material, Scene};
 
-use super::SceneBuffers;
 use super::source;
-use super::tracer::{self, BLOCK, GROUP, Settings};
+use super::tracer::{self, BLOCKS_PER_TILE, GROUP, Settings};
+use super::{BufferBytes, SceneBuffers, SceneData};
 
 /// Rays of a bundle, which leave one point.
 pub const BUNDLE: usize = 32;
@@ -74,6 +74,9 @@ pub fn shape_of(mut scene: Scene) -> Scene {
 pub struct Probe {
     device: Device,
     scene: SceneBuffers,
+    bytes: Vec<BufferBytes>,
+    tiles: Buffer<u32>,
+    tile_count: u32,
     anchor: glam::DVec3,
     pixels: Kernel,
     samples: Kernel,
@@ -100,8 +103,12 @@ impl Probe {
         let options = source::options(&Features::default(), bvh.depth());
         let program = Program::build(device, "probe", &source::probe_text(), &options)?;
         let darkness = Environment::constant(glam::Vec3::ZERO);
+        let data = SceneData::pack(shape, bvh, &darkness)?;
         Ok(Probe {
-            scene: SceneBuffers::upload(device, shape, bvh, &darkness)?,
+            scene: SceneBuffers::upload(device, &data)?,
+            bytes: data.bytes(),
+            tiles: Buffer::new(device, 1)?,
+            tile_count: 0,
             anchor: shape.anchor,
             pixels: program.kernel("trace_pixels")?,
             samples: program.kernel("trace_samples")?,
@@ -131,6 +138,11 @@ impl Probe {
         &self.scene
     }
 
+    /// The scene's buffers with their sizes.
+    pub fn bytes(&self) -> &[BufferBytes] {
+        &self.bytes
+    }
+
     /// Chooses the camera rays.
     ///
     /// # Errors
@@ -140,6 +152,8 @@ impl Probe {
         self.camera = tracer::camera(view, self.anchor, &settings);
         self.sampled = Buffer::from_slice(&self.device, &pattern.samples)?;
         self.sample_count = pattern.samples.len();
+        self.tiles = Buffer::from_slice(&self.device, &pattern.order)?;
+        self.tile_count = pattern.order.len() as u32;
         self.pixel_hits = Buffer::new(&self.device, view.pixels())?;
         self.sample_hits = Buffer::new(&self.device, self.sample_count)?;
         Ok(())
@@ -187,15 +201,14 @@ impl Probe {
         let mut args = self.scene.args();
         match kind {
             RayKind::Pixels => {
-                let rows = self.camera.height;
                 args.extend([
                     Arg::value(&self.camera),
+                    Arg::buffer(&self.tiles),
                     Arg::U32(0),
-                    Arg::U32(rows),
+                    Arg::U32(self.tile_count),
                     Arg::buffer(&self.pixel_hits),
                 ]);
-                let blocks = self.camera.width.div_ceil(BLOCK) as usize * rows.div_ceil(BLOCK) as usize;
-                self.pixels.launch(&args, blocks, GROUP)
+                self.pixels.launch(&args, self.tile_count as usize * BLOCKS_PER_TILE, GROUP)
             }
             RayKind::Samples => {
                 let count = self.sample_count as u32;

@@ -4,7 +4,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 18] = [
+const FILES: [&str; 20] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -17,12 +17,14 @@ const FILES: [&str; 18] = [
     include_str!("../../kernels/shared/light.h"),
     include_str!("../../kernels/shared/camera.h"),
     include_str!("../../kernels/shared/frustum.h"),
+    include_str!("../../kernels/shared/tiles.h"),
     include_str!("../../kernels/trace.cl"),
     include_str!("../../kernels/shared/beam.h"),
     include_str!("../../kernels/visibility.cl"),
     include_str!("../../kernels/sun.cl"),
     include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/shade.cl"),
+    include_str!("../../kernels/gather.cl"),
 ];
 
 /// The whole text.
@@ -31,7 +33,7 @@ pub fn text() -> String {
 }
 
 /// What rays alone need, for measurements of them.
-const PROBE_FILES: [&str; 9] = [
+const PROBE_FILES: [&str; 10] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -39,6 +41,7 @@ const PROBE_FILES: [&str; 9] = [
     include_str!("../../kernels/shared/traverse.h"),
     include_str!("../../kernels/shared/camera.h"),
     include_str!("../../kernels/shared/frustum.h"),
+    include_str!("../../kernels/shared/tiles.h"),
     include_str!("../../kernels/trace.cl"),
     include_str!("../../kernels/bundles.cl"),
 ];
@@ -54,7 +57,8 @@ pub fn options(features: &Features, tree_depth: u32) -> String {
     for (name, on) in features.defines() {
         options += &format!(" -D {name}={}", u32::from(on));
     }
-    // Seven siblings wait at every level. Rounded up, so that scenes share built kernels.
-    let entries = (tree_depth * 7 + 1).next_multiple_of(64);
+    // Seven siblings wait at every level, and eight are written where some count. Rounded up, so that scenes
+    // share built kernels.
+    let entries = (tree_depth * 7 + 9).next_multiple_of(64);
     options + &format!(" -D STACK_SIZE={entries}")
 }

@@ -67,7 +67,8 @@ struct Idle {
 impl Idle {
     fn build(device: &Device, features: &Features, options: &str) -> Result<Idle> {
         let program = Program::build(device, "foveate", &source::text(), options)?;
-        let mut names = vec!["trace_pixels", "trace_samples", "describe_pixels", "shade_samples"];
+        let mut names =
+            vec!["trace_pixels", "trace_samples", "describe_pixels", "share_edges", "shade_samples"];
         if features.sun {
             names.push("light_pixels");
         }
@@ -84,13 +85,22 @@ impl Idle {
             args.push(Arg::value(&camera));
             let none = [Arg::U32(0), Arg::U32(0)];
             match *name {
-                "trace_pixels" => args.extend([none[0], none[1], Arg::NONE]),
+                "trace_pixels" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
                 "trace_samples" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
                 "describe_pixels" => {
-                    args.extend([Arg::value(&shading), none[0], none[1], Arg::NONE, Arg::NONE]);
+                    args.extend([Arg::value(&shading), Arg::NONE, none[0], none[1], Arg::NONE, Arg::NONE]);
                 }
+                "share_edges" => args.extend([
+                    none[0],
+                    none[0],
+                    none[1],
+                    Arg::NONE,
+                    Arg::NONE,
+                    Arg::buffer(&self.counters),
+                ]),
                 "light_pixels" => args.extend([
                     Arg::value(&shading),
+                    Arg::NONE,
                     none[0],
                     none[1],
                     Arg::NONE,

@@ -4,6 +4,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod cycles;
+mod extras;
 mod frames;
 mod losses;
 mod states;
@@ -67,6 +69,11 @@ const REST: [f64; 3] = [0.0, 1.6, 0.0];
 /// Runs the program with few samples until it has shown some frames; nothing where OpenXR's loader or
 /// Vulkan is missing, which is a failure on machines that promise them (CI=true).
 fn run(script: &Script, frames: u32, more: &str) -> Option<Run> {
+    run_under(script, frames, more, &[])
+}
+
+/// The same with more of an environment.
+fn run_under(script: &Script, frames: u32, more: &str, environment: &[(&str, &str)]) -> Option<Run> {
     if let Some(missing) = missing() {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "{missing}");
         println!("not run: {missing}");
@@ -78,7 +85,7 @@ fn run(script: &Script, frames: u32, more: &str) -> Option<Run> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_foveate"));
     command.current_dir(folder.path()).args(["run", "scene.glb", "--json", "--frames", &frames.to_string()]);
     command.args("--samples 300 --rays 1 --position 0,1.6,0 --look-at 0,1.6,-1".split(' '));
-    command.args(more.split_whitespace());
+    command.args(more.split_whitespace()).envs(environment.iter().copied());
     let output = setup.apply(&mut command).output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     let run = Run {

@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use fake_runtime::script::{Dump, Head, Script, Session, View};
+use foveate::gpu::vulkan::ContextOptions;
 use foveate::math::pose::Pose;
 use glam::{DQuat, DVec3};
 use serde_json::Value;
 
-use super::{REST, Run, SQUARE, run};
+use super::{REST, Run, SQUARE, run, run_under};
 
 /// The frame that is looked at.
 const LOOKED_AT: u64 = 5;
@@ -99,6 +100,23 @@ fn canted_and_uneven_views_are_shown_as_they_are() {
     let reversed: Vec<View> = uneven().into_iter().rev().collect();
     let swapped = std::panic::catch_unwind(|| check_pictures(&run, folder.path(), &reversed));
     assert!(swapped.is_err(), "the comparer takes eyes that are swapped");
+}
+
+#[test]
+fn vulkan_finds_no_fault_on_either_side() {
+    if foveate::gpu::vulkan::Context::new(&ContextOptions { validation: true, ..Default::default() }).is_err()
+    {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "Vulkan's validation layer is missing");
+        println!("not run: Vulkan's validation layer is missing");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let script = Script { views: uneven(), sessions: dumping(folder.path()), ..Script::default() };
+    let layer = [("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation")];
+    let Some(run) = run_under(&script, 8, "", &layer) else { return };
+    let said = format!("{}{}", run.out, run.said);
+    assert!(!said.contains("VUID") && !said.contains("Validation"), "{said}");
+    assert_eq!(run.is_clean().told()["frames"], 8);
 }
 
 #[test]

@@ -7,13 +7,14 @@ use std::time::{Duration, Instant};
 use glam::DVec2;
 
 use super::stats::{Shown, Stats, Summary, ViewSummary};
+use super::wearer::{Sharp, Wearer, between};
 use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
-use crate::config::{Config, Stereo};
+use crate::config::{Config, HeadsetConfig, Stereo};
 use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Plan, Renderer, Shot};
 use crate::gpu::vulkan::{Encoding, Rect, Target};
-use crate::headset::openxr::{EyeView, Fault, Frame, Next, Outcome, Runtime, Session};
+use crate::headset::openxr::{EyeView, Fault, Frame, Next, Options, Outcome, Runtime, Session};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::reconstruct;
@@ -45,11 +46,21 @@ pub struct Presentation<'a> {
     pub stop: Arc<AtomicBool>,
 }
 
+/// Eyes that moved less since their view was traced need no correction: in metres and in radians.
+const STILL: (f64, f64) = (2e-4, 2e-4);
+
 /// What stays while sessions come and go.
 struct Stage {
     runtime: Runtime,
     machine: Machine,
     renderer: Renderer,
+}
+
+/// What stays while runtimes come and go.
+struct Run {
+    stats: Stats,
+    told: Told,
+    wearer: Wearer,
 }
 
 /// What the last session was like.
@@ -69,28 +80,29 @@ impl Presentation<'_> {
     /// # Errors
     /// Where something fails that building anew would not mend.
     pub fn run(&self, runtime: Runtime) -> Result<Summary> {
-        let (mut stats, mut told) = (Stats::default(), Told::default());
+        let wearer = Wearer::new(self.rest, &self.loaded.scene, &self.config.headset);
+        let mut run = Run { stats: Stats::default(), told: Told::default(), wearer };
         let mut runtime = Some(runtime);
         let mut in_vain = 0;
         while let Some(found) = runtime.take() {
-            let before = stats.frames;
-            match self.on_runtime(found, &mut stats, &mut told) {
+            let before = run.stats.frames;
+            match self.on_runtime(found, &mut run) {
                 Ok(()) => break,
                 Err(Fault::Fatal(error)) => return Err(error),
                 // What is lost when nothing is left to be shown needs no other runtime.
-                Err(_) if self.is_over(&stats) => break,
+                Err(_) if self.is_over(&run.stats) => break,
                 Err(lost) => {
-                    in_vain = if stats.frames > before { 0 } else { in_vain + 1 };
+                    in_vain = if run.stats.frames > before { 0 } else { in_vain + 1 };
                     if in_vain >= MOST_LOSSES {
                         return Err(lost.into_error());
                     }
-                    stats.losses += 1;
+                    run.stats.losses += 1;
                     complain(&format!("{}; waiting for it to come back", lost.sentence()));
                     runtime = self.find_again()?;
                 }
             }
         }
-        Ok(told.summary(&stats))
+        Ok(run.told.summary(&run.stats))
     }
 
     /// Whether all pictures were shown, or the operator wants to leave.
@@ -103,7 +115,7 @@ impl Presentation<'_> {
     fn find_again(&self) -> Result<Option<Runtime>> {
         while !self.stop.load(Ordering::Relaxed) {
             std::thread::sleep(RETRY);
-            match Runtime::connect() {
+            match Runtime::connect(self.config.headset.insets) {
                 Ok(runtime) => {
                     complain(&format!("{} is back", runtime.name()));
                     return Ok(Some(runtime));
@@ -116,22 +128,21 @@ impl Presentation<'_> {
     }
 
     /// Presents on one runtime, in as many sessions as it takes.
-    fn on_runtime(&self, runtime: Runtime, stats: &mut Stats, told: &mut Told) -> Outcome<()> {
+    fn on_runtime(&self, runtime: Runtime, run: &mut Run) -> Outcome<()> {
         let context = runtime.open_context()?;
         let machine = Machine::presenting(context, &self.config.devices)?;
-        let (renderer, _) =
-            Renderer::new(&machine.device, &machine.context, self.loaded, self.config, Output::Display)?;
+        let (renderer, _) = machine.renderer(self.loaded, self.config, Output::Display)?;
         let mut stage = Stage { runtime, machine, renderer };
         let mut in_vain = 0;
         loop {
-            let before = stats.frames;
-            match self.in_session(&mut stage, stats, told) {
+            let before = run.stats.frames;
+            match self.in_session(&mut stage, run) {
                 Err(Fault::Session(problem)) => {
-                    in_vain = if stats.frames > before { 0 } else { in_vain + 1 };
+                    in_vain = if run.stats.frames > before { 0 } else { in_vain + 1 };
                     if in_vain >= MOST_LOSSES {
                         return Err(Fault::Instance(problem));
                     }
-                    stats.losses += 1;
+                    run.stats.losses += 1;
                     complain(&format!("{problem}; opening a new session"));
                 }
                 ended => return ended,
@@ -140,11 +151,13 @@ impl Presentation<'_> {
     }
 
     /// Presents in one session, from its start to its end.
-    fn in_session(&self, stage: &mut Stage, stats: &mut Stats, told: &mut Told) -> Outcome<()> {
-        let mut session = Session::new(&stage.runtime, &stage.machine.context, self.size)?;
-        self.introduce(stage, &session, told)?;
-        let result = self.frames(stage, &mut session, stats, told);
-        stats.dropped += session.clock().dropped;
+    fn in_session(&self, stage: &mut Stage, run: &mut Run) -> Outcome<()> {
+        let HeadsetConfig { eye_tracking, refresh_hz, .. } = self.config.headset;
+        let options = Options { size: self.size, gaze: eye_tracking && self.gaze.is_none(), refresh_hz };
+        let mut session = Session::new(&stage.runtime, &stage.machine.context, &options)?;
+        self.introduce(stage, &session, &mut run.told)?;
+        let result = self.frames(stage, &mut session, run);
+        run.stats.dropped += session.clock().dropped;
         result
     }
 
@@ -167,64 +180,103 @@ impl Presentation<'_> {
         ))
     }
 
-    fn frames(
-        &self,
-        stage: &mut Stage,
-        session: &mut Session,
-        stats: &mut Stats,
-        told: &mut Told,
-    ) -> Outcome<()> {
+    fn frames(&self, stage: &mut Stage, session: &mut Session, run: &mut Run) -> Outcome<()> {
         loop {
-            if self.is_over(stats) {
+            if self.is_over(&run.stats) {
                 session.request_exit();
             }
-            match session.next()? {
+            match session.next_frame()? {
                 Next::End => return Ok(()),
                 Next::Pause => {}
-                Next::Frame(frame) => self.frame(stage, session, &frame, stats, told)?,
+                Next::Frame(frame) => self.frame(stage, session, &frame, run)?,
             }
         }
     }
 
     /// Renders and ends one frame.
-    fn frame(
-        &self,
-        stage: &mut Stage,
-        session: &mut Session,
-        frame: &Frame,
-        stats: &mut Stats,
-        told: &mut Told,
-    ) -> Outcome<()> {
-        let asked = Instant::now();
-        let located = if frame.should_render { session.locate(frame.time)? } else { None };
-        let Some(mut eyes) = located else {
+    fn frame(&self, stage: &mut Stage, session: &mut Session, frame: &Frame, run: &mut Run) -> Outcome<()> {
+        let Some(mut eyes) = self.eyes(session, frame)? else {
             session.end(frame, None)?;
             return Ok(());
         };
-        if let Some(fov_y) = self.fov_y {
-            eyes.iter_mut().for_each(|eye| eye.fov = scaled(eye.fov, fov_y));
-        }
-        let views = self.views(&eyes, &session.sizes());
+        let (hands, gaze) = session.input(frame.time)?;
+        run.wearer.walk(&hands, &eyes, frame.time, &self.loaded.scene);
         let targets = session.acquire()?;
-        let shots = self.shots(&views, &targets)?;
-        let report =
-            stage.renderer.shoot(&shots, self.config.trace.seed.wrapping_add(stats.frames as u32))?;
-        drop(shots);
-        if self.config.view.stereo == Stereo::Mono {
-            let first = eyes[0];
-            eyes.fill(first);
+        // As late as it can be: all that is left to do before tracing is to choose samples.
+        eyes = self.eyes(session, frame)?.unwrap_or(eyes);
+        let mut asked = Instant::now();
+        let views = self.views(&eyes, &session.sizes(), &run.wearer);
+        let sharp = run.wearer.look(gaze, &eyes, &views, frame.time);
+        let mut shots = self.shots(&views, &targets, &sharp)?;
+        if self.config.view.stereo == Stereo::PerEye {
+            let (meshes, version) = session.hidden();
+            for (index, (shot, mesh)) in shots.iter_mut().zip(meshes).enumerate() {
+                shot.hidden = run.wearer.hidden(index, &shot.view, mesh, version);
+            }
         }
-        let on_time = session.end(frame, Some(&eyes))?;
+
+        let (mut shown, mut fault) = (eyes.clone(), None);
+        let mut late = |shot: usize| {
+            let newest = self.newest(session, frame).unwrap_or_else(|lost| {
+                fault = Some(lost);
+                None
+            })?;
+            let (from, to) = (self.eye_of(shot, &eyes), self.eye_of(shot, &newest));
+            if !moved(from, to) {
+                return None;
+            }
+            asked = Instant::now();
+            let seen = |index: usize| self.config.view.stereo != Stereo::PerEye || index == shot;
+            for (index, eye) in shown.iter_mut().enumerate().filter(|(index, _)| seen(*index)) {
+                eye.space_from_eye = newest[index].space_from_eye;
+            }
+            Some(run.wearer.in_scene(to))
+        };
+        let seed = self.config.trace.seed.wrapping_add(run.stats.frames as u32);
+        let report = stage.renderer.shoot(&shots, seed, &mut late)?;
+        if let Some(fault) = fault {
+            return Err(fault);
+        }
+        if self.config.view.stereo == Stereo::Mono {
+            let first = shown[0];
+            shown.fill(first);
+        }
+        let on_time = session.end(frame, Some(&shown))?;
         let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
-        stats.push(Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), report }, on_time);
-        told.views = views.iter().map(ViewSummary::of).collect();
+        run.stats.push(Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), report }, on_time);
+        let views = self.views(&shown, &session.sizes(), &run.wearer);
+        let each = views.iter().enumerate();
+        run.told.views =
+            each.map(|(index, view)| ViewSummary::of(view, self.sharp(&views, &sharp, index))).collect();
         Ok(())
     }
 
+    /// Where the eyes will be when the frame is shown; `None` where it will not be, or nothing is known.
+    fn eyes(&self, session: &mut Session, frame: &Frame) -> Outcome<Option<Vec<EyeView>>> {
+        let mut located = if frame.should_render { session.locate(frame.time)? } else { None };
+        if let (Some(fov_y), Some(eyes)) = (self.fov_y, &mut located) {
+            eyes.iter_mut().for_each(|eye| eye.fov = scaled(eye.fov, fov_y));
+        }
+        Ok(located)
+    }
+
+    /// The same once more for the late correction, if it is wanted.
+    fn newest(&self, session: &mut Session, frame: &Frame) -> Outcome<Option<Vec<EyeView>>> {
+        if self.config.headset.late_correction { self.eyes(session, frame) } else { Ok(None) }
+    }
+
+    /// Where a shot is traced from.
+    fn eye_of(&self, shot: usize, eyes: &[EyeView]) -> Pose {
+        match self.config.view.stereo {
+            Stereo::Shared => between(eyes),
+            _ => eyes[shot].space_from_eye,
+        }
+    }
+
     /// The headset's views in the scene.
-    fn views(&self, eyes: &[EyeView], sizes: &[(u32, u32)]) -> Vec<View> {
+    fn views(&self, eyes: &[EyeView], sizes: &[(u32, u32)], wearer: &Wearer) -> Vec<View> {
         let view = |(eye, &(width, height)): (&EyeView, &(u32, u32))| View {
-            world_from_eye: upright(self.rest).then(eye.space_from_eye),
+            world_from_eye: wearer.in_scene(eye.space_from_eye),
             fov: eye.fov,
             width,
             height,
@@ -233,7 +285,7 @@ impl Presentation<'_> {
     }
 
     /// What is traced for the views, and which of their images it fills.
-    fn shots<'t>(&self, views: &[View], targets: &'t [Target]) -> Result<Vec<Shot<'t>>> {
+    fn shots<'t>(&self, views: &[View], targets: &'t [Target], sharp: &[Sharp]) -> Result<Vec<Shot<'t>>> {
         let exposure = self.config.view.exposure as f32;
         let output = |target: &'t Target, source: [u32; 2], size: (u32, u32)| reconstruct::Output {
             source,
@@ -242,24 +294,28 @@ impl Presentation<'_> {
             encoding: Encoding::DisplayLinear,
             ..reconstruct::Output::whole(target, exposure)
         };
-        let shot =
-            |view: View, gaze: DVec2, outputs| Shot { view, gaze, widening: 1.0, hidden: None, outputs };
-        let gaze_of = |view: &View| self.gaze.unwrap_or_else(|| view.optical_centre());
+        let shot = |view: View, sharp: Sharp, outputs| Shot {
+            view,
+            gaze: sharp.point,
+            widening: sharp.widening,
+            hidden: None,
+            outputs,
+        };
+        let look = |index: usize| self.sharp(views, sharp, index);
         let size = |view: &View| (view.width, view.height);
         match (self.config.view.stereo, views) {
-            (Stereo::PerEye, _) => Ok(views
-                .iter()
-                .zip(targets)
-                .map(|(view, target)| {
-                    shot(*view, self.toward(&views[0], view), vec![output(target, [0, 0], size(view))])
-                })
-                .collect()),
+            (Stereo::PerEye, _) => {
+                let alone = |(index, (view, target)): (usize, (&View, &'t Target))| {
+                    shot(*view, look(index), vec![output(target, [0, 0], size(view))])
+                };
+                Ok(views.iter().zip(targets).enumerate().map(alone).collect())
+            }
             (Stereo::Mono, [first, ..]) => {
                 if views.iter().any(|view| size(view) != size(first)) {
                     return Err(per_eye("its views differ in size"));
                 }
                 let outputs = targets.iter().map(|target| output(target, [0, 0], size(first))).collect();
-                Ok(vec![shot(*first, gaze_of(first), outputs)])
+                Ok(vec![shot(*first, look(0), outputs)])
             }
             (Stereo::Shared, [left, right]) => {
                 let plan = Plan::stereo([*left, *right], Stereo::Shared)?;
@@ -267,9 +323,18 @@ impl Presentation<'_> {
                 let parts = cuts.iter().zip(targets);
                 let outputs =
                     parts.map(|(cut, target)| output(target, cut.source, (cut.rect.width, cut.rect.height)));
-                Ok(vec![shot(*view, plan.gaze_points(gaze_of(left))[0], outputs.collect())])
+                let sharp = Sharp { point: plan.gaze_points(look(0).point)[0], ..look(0) };
+                Ok(vec![shot(*view, sharp, outputs.collect())])
             }
             _ => Err(per_eye("it has more than two views")),
+        }
+    }
+
+    /// Where a view is sharp: where the settings say, or the wearer's eyes.
+    fn sharp(&self, views: &[View], eyes: &[Sharp], index: usize) -> Sharp {
+        match self.gaze {
+            Some(_) => Sharp { point: self.toward(&views[0], &views[index]), widening: 1.0 },
+            None => eyes[index],
         }
     }
 
@@ -287,11 +352,10 @@ fn per_eye(why: &str) -> Error {
     Error::setting("view.stereo", format!("one view cannot serve this headset, since {why}; choose per-eye"))
 }
 
-/// The same place, turned about the vertical only: the wearer's own head does the rest.
-fn upright(pose: Pose) -> Pose {
-    let ahead = pose.rotation * glam::DVec3::NEG_Z;
-    let turn = if ahead.x.hypot(ahead.z) > 1e-6 { (-ahead.x).atan2(-ahead.z) } else { 0.0 };
-    Pose { rotation: glam::DQuat::from_rotation_y(turn), position: pose.position }
+/// Whether an eye has moved so far that it would see another picture.
+fn moved(from: Pose, to: Pose) -> bool {
+    let (metres, radians) = STILL;
+    (from.position - to.position).length() > metres || from.rotation.angle_between(to.rotation) > radians
 }
 
 /// A field of view that grows and shrinks as a whole until it is `fov_y` radians high.
@@ -302,7 +366,7 @@ fn scaled(fov: FieldOfView, fov_y: f64) -> FieldOfView {
 }
 
 impl ViewSummary {
-    fn of(view: &View) -> Self {
+    fn of(view: &View, sharp: Sharp) -> Self {
         let FieldOfView { left, right, up, down } = view.fov;
         ViewSummary {
             width: view.width,
@@ -310,6 +374,8 @@ impl ViewSummary {
             fov: [left, right, up, down].map(|tangent| tangent.atan().to_degrees()),
             position: view.world_from_eye.position.to_array(),
             rotation: view.world_from_eye.rotation.to_array(),
+            gaze: sharp.point.to_array(),
+            widening: sharp.widening,
         }
     }
 }
@@ -338,17 +404,6 @@ impl Told {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
-
-    #[test]
-    fn the_wearer_stands_upright_and_looks_the_same_way() {
-        let pose = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, -2.0, 1.0));
-        let stands = upright(pose);
-        assert!((stands.rotation * DVec3::Y - DVec3::Y).length() < 1e-12);
-        let (was, is) = (pose.rotation * DVec3::NEG_Z, stands.rotation * DVec3::NEG_Z);
-        assert!((DVec3::new(was.x, 0.0, was.z).normalize() - is).length() < 1e-12, "{was} {is}");
-        assert_eq!(upright(Pose::look_at(DVec3::ZERO, DVec3::NEG_Y)).rotation * DVec3::Y, DVec3::Y);
-    }
 
     #[test]
     fn a_field_of_view_is_scaled_as_a_whole() {

@@ -11,7 +11,7 @@ use crate::measure::stats::percentile;
 const KEPT: usize = 100_000;
 
 /// One picture's times, in milliseconds.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Shown {
     /// From its begin to its end.
     pub frame_ms: f64,
@@ -86,6 +86,10 @@ pub struct ViewSummary {
     pub position: [f64; 3],
     /// How it was turned: x, y, z, w of a unit quaternion.
     pub rotation: [f64; 4],
+    /// Where it was sharp, in 0..1 of the picture from the upper left corner.
+    pub gaze: [f64; 2],
+    /// How much wider than usual the sharp region was: more than 1 while the eyes jump.
+    pub widening: f64,
 }
 
 /// What a run tells with `--json`.

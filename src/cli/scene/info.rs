@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use crate::bvh::wide::Cost;
 use crate::cli::machine::Machine;
 use crate::cli::options::ConfigOptions;
 use crate::cli::output;
@@ -12,7 +13,7 @@ use crate::config::Layers;
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::scene::info::{SceneInfo, summarise};
-use crate::trace::{BufferBytes, SceneBuffers};
+use crate::trace::{BufferBytes, SceneBuffers, SceneData};
 
 /// Arguments of `foveate scene info`.
 #[derive(Debug, clap::Args)]
@@ -38,6 +39,9 @@ struct Info {
 struct BvhInfo {
     nodes: usize,
     depth: u32,
+    /// Of nodes, vertices in leaf order, and what hits need to know of a triangle.
+    bytes_per_triangle: f64,
+    cost: Cost,
 }
 
 /// Runs the command.
@@ -45,12 +49,18 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
-    let buffers = SceneBuffers::upload(&machine.device, &loaded.scene, &loaded.bvh, &loaded.environment)?;
-    let device_buffers = buffers.bytes();
+    let data = SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?;
+    let buffers = SceneBuffers::upload(&machine.device, &data)?;
+    let device_buffers = data.bytes();
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),
-        bvh: BvhInfo { nodes: loaded.bvh.nodes.len(), depth: loaded.bvh.depth() },
+        bvh: BvhInfo {
+            nodes: loaded.bvh.nodes.len(),
+            depth: loaded.bvh.depth(),
+            bytes_per_triangle: buffers.tree_bytes() as f64 / loaded.scene.mesh.triangles.len().max(1) as f64,
+            cost: loaded.bvh.cost(),
+        },
         device: machine.device.info().name.clone(),
         device_bytes: device_buffers.iter().map(|b| b.bytes).sum(),
         device_buffers,
@@ -77,7 +87,9 @@ impl Info {
             let fov = camera.fov_y.map_or("orthographic".into(), |fov| format!("{fov:.1} degrees high"));
             line("camera", format!("{:?} at {:.3?}, {fov}", camera.name, camera.position));
         }
-        line("tree", format!("{} nodes, {} deep", self.bvh.nodes, self.bvh.depth));
+        let BvhInfo { nodes, depth, bytes_per_triangle, cost } = &self.bvh;
+        line("tree", format!("{nodes} nodes, {depth} deep, {bytes_per_triangle:.1} bytes a triangle"));
+        line("", format!("a ray visits {:.1} nodes and {:.1} leaves on average", cost.nodes, cost.leaves));
         line("buffers", format!("{} on {}", size(self.device_bytes), self.device));
         for buffer in &self.device_buffers {
             line("", format!("{:<12} {:>10}", buffer.name, size(buffer.bytes)));

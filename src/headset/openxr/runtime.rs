@@ -27,7 +27,9 @@ impl Runtime {
     /// # Errors
     /// [`Fault::Fatal`] with the next step where there is no loader, no runtime, or one without Vulkan;
     /// [`Fault::Instance`] where it does not answer, [`Fault::Session`] where it has no headset now.
-    pub fn connect() -> Outcome<Runtime> {
+    ///
+    /// With `insets`, a headset that has a sharp inset for each eye gets four views.
+    pub fn connect(insets: bool) -> Outcome<Runtime> {
         // SAFETY: the library of this name is the system's OpenXR loader, which is trusted.
         let entry = unsafe { xr::Entry::load(&()) }.map_err(|_| {
             missing("the OpenXR loader is not installed; install libopenxr-loader1, and SteamVR or Monado")
@@ -45,7 +47,7 @@ impl Runtime {
             }
             code => Fault::of("xrGetSystem", code),
         })?;
-        let views = choose_views(&instance, system)?;
+        let views = choose_views(&instance, system, insets)?;
         let sizes = instance
             .enumerate_view_configuration_views(system, views)
             .called("xrEnumerateViewConfigurationViews")?;
@@ -89,6 +91,10 @@ fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
     let mut wanted = xr::ExtensionSet::default();
     wanted.khr_vulkan_enable2 = true;
     wanted.khr_convert_timespec_time = offered.khr_convert_timespec_time;
+    wanted.khr_visibility_mask = offered.khr_visibility_mask;
+    wanted.ext_eye_gaze_interaction = offered.ext_eye_gaze_interaction;
+    wanted.ext_performance_settings = offered.ext_performance_settings;
+    wanted.fb_display_refresh_rate = offered.fb_display_refresh_rate;
     wanted.varjo_quad_views = offered.varjo_quad_views;
     wanted
 }
@@ -112,10 +118,14 @@ fn create_instance(entry: &xr::Entry, extensions: &xr::ExtensionSet) -> xr::Resu
 }
 
 /// The best view configuration of those listed.
-fn choose_views(instance: &xr::Instance, system: xr::SystemId) -> Outcome<xr::ViewConfigurationType> {
+fn choose_views(
+    instance: &xr::Instance,
+    system: xr::SystemId,
+    insets: bool,
+) -> Outcome<xr::ViewConfigurationType> {
     let listed = instance.enumerate_view_configurations(system).called("xrEnumerateViewConfigurations")?;
     [QUAD, xr::ViewConfigurationType::PRIMARY_STEREO]
         .into_iter()
-        .find(|kind| listed.contains(kind))
+        .find(|kind| listed.contains(kind) && (insets || *kind != QUAD))
         .ok_or_else(|| missing("the headset shows no two views; use one that does"))
 }

@@ -5,14 +5,18 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use openxr as xr;
 
+use super::actions::Actions;
 use super::clock::FrameClock;
 use super::fault::{Called, Fault, Outcome};
+use super::gaze::{self, EyeTracker, Gaze};
 use super::lifecycle::{Duty, Lifecycle};
 use super::runtime::Runtime;
 use super::swapchain::{ViewImages, choose_format};
+use super::visibility::HiddenMesh;
 use super::waiter::Waiter;
-use super::{convert, vulkan};
+use super::{convert, extras, vulkan};
 use crate::gpu::vulkan::{Context, Target};
+use crate::headset::locomotion::Hands;
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
 
@@ -53,10 +57,23 @@ pub struct EyeView {
     pub fov: FieldOfView,
 }
 
+/// What a session is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Pixels across and down of each view instead of what the runtime recommends.
+    pub size: [Option<u32>; 2],
+    /// Use an eye tracker where there is one.
+    pub gaze: bool,
+    /// Pictures a second to ask the headset for; 0 for its own choice.
+    pub refresh_hz: f64,
+}
+
 /// A session with the runtime.
 pub struct Session {
     // In the order in which they end.
     images: Vec<ViewImages>,
+    actions: Actions,
+    eyes: Option<EyeTracker>,
     space: xr::Space,
     waiter: Waiter,
     stream: xr::FrameStream<xr::Vulkan>,
@@ -70,20 +87,28 @@ pub struct Session {
     exit: Option<Instant>,
     ended: bool,
     located: Vec<EyeView>,
+    hidden: Vec<HiddenMesh>,
+    masks: u64,
 }
 
 impl Session {
-    /// Opens a session that presents from the runtime's device. `size` overrides the size that the
-    /// runtime recommends for each view.
+    /// Opens a session that presents from the runtime's device.
     ///
     /// # Errors
     /// Where the runtime or the device refuses.
-    pub fn new(runtime: &Runtime, context: &Context, size: [Option<u32>; 2]) -> Outcome<Session> {
+    pub fn new(runtime: &Runtime, context: &Context, options: &Options) -> Outcome<Session> {
         let (session, waiter, stream) = vulkan::session(&runtime.instance, runtime.system, context)?;
         let waiter = Waiter::new(waiter);
         let space = session
             .create_reference_space(xr::ReferenceSpaceType::LOCAL, xr::Posef::IDENTITY)
             .called("xrCreateReferenceSpace")?;
+        let actions = Actions::new(&runtime.instance, &session)?;
+        let tracked = options.gaze && gaze::supported(&runtime.instance, runtime.system);
+        let eyes = if tracked { EyeTracker::new(&runtime.instance, &session)? } else { None };
+        let sets: Vec<_> = [actions.set()].into_iter().chain(eyes.as_ref().map(EyeTracker::set)).collect();
+        session.attach_action_sets(&sets).called("xrAttachSessionActionSets")?;
+        extras::request(&session, options.refresh_hz);
+        let hidden = extras::hidden(&session, runtime.views, runtime.sizes.len());
         let format = choose_format(&session)?;
         let limit = context.image_size_limit();
         let fit = |wanted: Option<u32>, recommended: u32, most: u32| {
@@ -93,13 +118,17 @@ impl Session {
             .sizes
             .iter()
             .map(|view| {
-                let width = fit(size[0], view.recommended_image_rect_width, view.max_image_rect_width);
-                let height = fit(size[1], view.recommended_image_rect_height, view.max_image_rect_height);
+                let width =
+                    fit(options.size[0], view.recommended_image_rect_width, view.max_image_rect_width);
+                let height =
+                    fit(options.size[1], view.recommended_image_rect_height, view.max_image_rect_height);
                 ViewImages::new(&session, context, format, (width, height))
             })
             .collect::<Outcome<Vec<_>>>()?;
         Ok(Session {
             images,
+            actions,
+            eyes,
             space,
             waiter,
             stream,
@@ -113,6 +142,8 @@ impl Session {
             exit: None,
             ended: false,
             located: Vec::new(),
+            hidden,
+            masks: 0,
         })
     }
 
@@ -124,6 +155,16 @@ impl Session {
     /// The format of all images.
     pub fn format(&self) -> vk::Format {
         self.format
+    }
+
+    /// What the lenses hide of each view, and a number that grows when that changes.
+    pub fn hidden(&self) -> (&[HiddenMesh], u64) {
+        (&self.hidden, self.masks)
+    }
+
+    /// Whether an eye tracker is used.
+    pub fn tracks_eyes(&self) -> bool {
+        self.eyes.is_some()
     }
 
     /// What the runtime's times have told so far.
@@ -149,7 +190,7 @@ impl Session {
     ///
     /// # Errors
     /// Where session or runtime are lost.
-    pub fn next(&mut self) -> Outcome<Next> {
+    pub fn next_frame(&mut self) -> Outcome<Next> {
         self.poll()?;
         if self.ended || self.exit.is_some_and(|asked| asked.elapsed() > EXIT_PATIENCE) {
             return Ok(Next::End);
@@ -184,6 +225,10 @@ impl Session {
                 xr::Event::SessionStateChanged(change) => self.enter(change.state())?,
                 xr::Event::InstanceLossPending(_) => {
                     return Err(Fault::Instance("the OpenXR runtime is about to end".into()));
+                }
+                xr::Event::VisibilityMaskChangedKHR(_) => {
+                    self.hidden = extras::hidden(&self.session, self.views, self.images.len());
+                    self.masks += 1;
                 }
                 _ => {}
             }
@@ -249,6 +294,23 @@ impl Session {
             }
         }
         Ok((!self.located.is_empty()).then(|| self.located.clone()))
+    }
+
+    /// What hands and eyes do at a time: to be asked once a frame.
+    ///
+    /// # Errors
+    /// Where session or runtime are lost.
+    pub fn input(&mut self, time: i64) -> Outcome<(Hands, Option<Gaze>)> {
+        let time = xr::Time::from_nanos(time);
+        let sets: Vec<xr::ActiveActionSet> = [self.actions.set()]
+            .into_iter()
+            .chain(self.eyes.as_ref().map(EyeTracker::set))
+            .map(xr::ActiveActionSet::new)
+            .collect();
+        self.session.sync_actions(&sets).called("xrSyncActions")?;
+        let look = |eyes: &EyeTracker| eyes.look(&self.session, &self.space, time);
+        let gaze = self.eyes.as_ref().map(look).transpose()?;
+        Ok((self.actions.hands(&self.session, &self.space, time), gaze))
     }
 
     /// Gets an image of each view to draw into.

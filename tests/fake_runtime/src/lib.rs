@@ -14,6 +14,7 @@ pub mod log;
 mod nested;
 mod objects;
 pub mod order;
+mod profiles;
 mod refusal;
 mod runtime;
 pub mod script;

@@ -1,9 +1,9 @@
 //! The log: one line of JSON for each call, written by the runtime and read by tests.
 
 use std::collections::HashMap;
-use std::fs::{File, OpenOptions};
+use std::fs::OpenOptions;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use openxr_sys as xr;
 use serde::Serialize;
@@ -24,7 +24,7 @@ impl Note {
 /// Where calls are written down.
 #[derive(Debug)]
 pub(crate) struct Writer {
-    file: File,
+    path: PathBuf,
     counts: HashMap<String, u64>,
 }
 
@@ -38,7 +38,8 @@ impl Writer {
                 *counts.entry(record.call().to_string()).or_default() += 1;
             }
         }
-        Ok(Writer { file: OpenOptions::new().create(true).append(true).open(path)?, counts })
+        OpenOptions::new().create(true).append(true).open(path)?;
+        Ok(Writer { path: path.to_path_buf(), counts })
     }
 
     /// How often a call was made in the whole run.
@@ -55,7 +56,9 @@ impl Writer {
         record.extend(note.0);
         // One write for a line, so that a process that dies leaves whole lines behind.
         let line = format!("{}\n", Value::Object(record));
-        self.file.write_all(line.as_bytes()).expect("the log can be written");
+        // Nothing closes a file when the loader unloads the library, so it is not kept open.
+        let file = OpenOptions::new().append(true).open(&self.path);
+        file.and_then(|mut file| file.write_all(line.as_bytes())).expect("the log can be written");
     }
 }
 

@@ -9,6 +9,14 @@ use crate::script;
 use crate::vulkan::{Gpu, Image, Shape};
 use crate::world::Pose;
 
+/// The instance.
+#[derive(Debug, Default)]
+pub(crate) struct Instance {
+    pub extensions: BTreeSet<String>,
+    pub minor_version: u16,
+    pub events: VecDeque<Queued>,
+}
+
 /// A session.
 pub(crate) struct Session {
     pub script: script::Session,
@@ -30,6 +38,8 @@ pub(crate) struct Session {
     pub last_display: i64,
     pub action_sets: Option<BTreeSet<u64>>,
     pub synced: BTreeSet<u64>,
+    /// The frames of the last xrSyncActions but one, and of the last.
+    pub sync_frames: (u64, u64),
     /// By view, where an event has changed it.
     pub hidden_corners: BTreeMap<u32, f32>,
     pub refresh_rate: f32,
@@ -69,7 +79,7 @@ pub(crate) enum Queued {
 
 /// What a handle stands for.
 pub(crate) enum Object {
-    Instance { extensions: BTreeSet<String>, minor_version: u16, events: VecDeque<Queued> },
+    Instance(Instance),
     Session(Box<Session>),
     Swapchain(Box<Swapchain>),
     Space(Space),
@@ -81,7 +91,7 @@ impl Object {
     /// The name of the kind, as in xrCreate and xrDestroy.
     pub fn kind(&self) -> &'static str {
         match self {
-            Object::Instance { .. } => "Instance",
+            Object::Instance(_) => "Instance",
             Object::Session(_) => "Session",
             Object::Swapchain(_) => "Swapchain",
             Object::Space(_) => "Space",

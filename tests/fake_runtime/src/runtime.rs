@@ -7,7 +7,7 @@ use openxr_sys::{self as xr, Handle};
 
 use crate::abi;
 use crate::log::{Note, Writer};
-use crate::objects::{Object, Objects, Queued, Session, Swapchain};
+use crate::objects::{Instance, Object, Objects, Queued, Session, Swapchain};
 use crate::order::State;
 use crate::refusal::{self, Outcome, Refusal, wrong};
 use crate::script::{self, EventKind, Fault, Script, When, within};
@@ -210,21 +210,17 @@ impl Runtime {
         }
     }
 
-    /// The one instance's handle, extensions, minor version and events.
-    fn instance(
-        &mut self,
-    ) -> Option<(&std::collections::BTreeSet<String>, u16, &mut std::collections::VecDeque<Queued>)> {
+    /// The one instance.
+    fn instance(&mut self) -> Option<&mut Instance> {
         self.objects.iter_mut().find_map(|(_, object)| match object {
-            Object::Instance { extensions, minor_version, events } => {
-                Some((&*extensions, *minor_version, events))
-            }
+            Object::Instance(instance) => Some(instance),
             _ => None,
         })
     }
 
     /// Whether the application has enabled an extension.
     pub fn has(&mut self, extension: &str) -> bool {
-        self.instance().is_some_and(|(extensions, ..)| extensions.contains(extension))
+        self.instance().is_some_and(|instance| instance.extensions.contains(extension))
     }
 
     /// Refuses a call whose extension was not enabled.
@@ -237,17 +233,17 @@ impl Runtime {
 
     /// Whether the application asked for OpenXR 1.1 or later.
     pub fn is_1_1(&mut self) -> bool {
-        self.instance().is_some_and(|(_, minor, _)| minor >= 1)
+        self.instance().is_some_and(|instance| instance.minor_version >= 1)
     }
 
     pub fn queue(&mut self, event: Queued) {
-        if let Some((.., events)) = self.instance() {
-            events.push_back(event);
+        if let Some(instance) = self.instance() {
+            instance.events.push_back(event);
         }
     }
 
     pub fn next_event(&mut self) -> Option<Queued> {
-        self.instance()?.2.pop_front()
+        self.instance()?.events.pop_front()
     }
 
     /// A session goes through states, as far as the specification has arrows for them.

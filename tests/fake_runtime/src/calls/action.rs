@@ -9,13 +9,11 @@ use crate::abi::{self, In, Out};
 use crate::nested;
 use crate::objects::{Action, Object, Queued};
 use crate::order::State;
+use crate::profiles;
 use crate::refusal::{Outcome, Refusal, invalid, wrong};
 use crate::runtime::{On, Runtime, enter};
 
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
-
-pub(super) const EYE_PROFILE: &str = "/interaction_profiles/ext/eye_gaze_interaction";
-const EYE_PATH: &str = "/user/eyes_ext/input/gaze_ext/pose";
 
 pub(crate) fn create_set(
     instance: xr::Instance,
@@ -69,8 +67,11 @@ pub(crate) fn suggest(
         let info = info.get()?;
         let profile = runtime.path(info.interaction_profile)?.to_string();
         note.set("profile", &profile);
-        if profile == EYE_PROFILE {
+        if profile == profiles::EYES {
             runtime.needs("XR_EXT_eye_gaze_interaction")?;
+        }
+        if !profiles::known(&profile) {
+            return Err(xr::Result::ERROR_PATH_UNSUPPORTED.into());
         }
         if nested::bindings(info).is_empty() {
             return Err(invalid(format!("{profile} without bindings")));
@@ -78,9 +79,7 @@ pub(crate) fn suggest(
         let mut paths = Vec::new();
         for binding in nested::bindings(info) {
             let path = runtime.path(binding.binding)?.to_string();
-            let right =
-                if profile == EYE_PROFILE { path == EYE_PATH } else { path.starts_with("/user/hand/") };
-            if !right {
+            if !profiles::has(&profile, &path) {
                 return Err(wrong(xr::Result::ERROR_PATH_UNSUPPORTED, format!("{path} is not of {profile}")));
             }
             let handle = binding.action.into_raw();
@@ -143,6 +142,7 @@ pub(crate) fn sync(session: xr::Session, info: In<xr::ActionsSyncInfo>) -> xr::R
             return Ok(xr::Result::SESSION_NOT_FOCUSED);
         }
         session.synced = sets;
+        session.sync_frames = (session.sync_frames.1, session.latest.number);
         DONE
     })
 }

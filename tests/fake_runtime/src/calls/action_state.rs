@@ -2,13 +2,23 @@
 
 use openxr_sys::{self as xr, Handle};
 
-use super::action::EYE_PROFILE;
 use crate::abi::{In, Out};
 use crate::objects::Action;
+use crate::profiles;
 use crate::refusal::{Refusal, wrong};
 use crate::runtime::{On, Runtime, enter, now};
-use crate::script::within;
+use crate::script::{Input, within};
 use crate::world::{self, Pose};
+
+/// How far down a hand points, degrees.
+const HAND_DOWN: f32 = 30.0;
+
+/// The state of an input: X and Y, and whether that is new.
+#[derive(Clone, Copy, Default)]
+struct Value {
+    now: [f32; 2],
+    changed: bool,
+}
 
 /// The value of an action now; nothing where it is not active.
 fn state(
@@ -16,7 +26,7 @@ fn state(
     session: xr::Session,
     info: In<xr::ActionStateGetInfo>,
     kind: xr::ActionType,
-    answer: impl FnOnce(Option<[f32; 2]>) -> Result<(), Refusal>,
+    answer: impl FnOnce(Option<Value>) -> Result<(), Refusal>,
 ) -> xr::Result {
     enter(call, On::Session(session), |runtime, note| {
         let info = info.get()?;
@@ -37,11 +47,11 @@ fn state(
             ));
         }
         let value = if kind == xr::ActionType::POSE_INPUT {
-            runtime.action_pose(session, handle, info.subaction_path)?.map(|_| [0.0; 2])
+            runtime.action_pose(session, handle, info.subaction_path)?.map(|_| Value::default())
         } else {
             runtime.input(session, &action, info.subaction_path)?
         };
-        note.set("value", value);
+        note.set("value", value.map(|value| value.now));
         answer(value)?;
         Ok(xr::Result::SUCCESS)
     })
@@ -56,8 +66,8 @@ pub(crate) fn get_boolean(
         out.write(|next| xr::ActionStateBoolean {
             ty: xr::ActionStateBoolean::TYPE,
             next,
-            current_state: value.is_some_and(|[x, _]| x > 0.5).into(),
-            changed_since_last_sync: xr::FALSE,
+            current_state: value.is_some_and(|value| value.now[0] > 0.5).into(),
+            changed_since_last_sync: value.is_some_and(|value| value.changed).into(),
             last_change_time: xr::Time::from_nanos(now()),
             is_active: value.is_some().into(),
         })
@@ -73,8 +83,8 @@ pub(crate) fn get_float(
         out.write(|next| xr::ActionStateFloat {
             ty: xr::ActionStateFloat::TYPE,
             next,
-            current_state: value.map_or(0.0, |[x, _]| x),
-            changed_since_last_sync: xr::FALSE,
+            current_state: value.map_or(0.0, |value| value.now[0]),
+            changed_since_last_sync: value.is_some_and(|value| value.changed).into(),
             last_change_time: xr::Time::from_nanos(now()),
             is_active: value.is_some().into(),
         })
@@ -87,12 +97,12 @@ pub(crate) fn get_vector(
     out: Out<xr::ActionStateVector2f>,
 ) -> xr::Result {
     state("xrGetActionStateVector2f", session, info, xr::ActionType::VECTOR2F_INPUT, |value| {
-        let [x, y] = value.unwrap_or_default();
+        let [x, y] = value.unwrap_or_default().now;
         out.write(|next| xr::ActionStateVector2f {
             ty: xr::ActionStateVector2f::TYPE,
             next,
             current_state: xr::Vector2f { x, y },
-            changed_since_last_sync: xr::FALSE,
+            changed_since_last_sync: value.is_some_and(|value| value.changed).into(),
             last_change_time: xr::Time::from_nanos(now()),
             is_active: value.is_some().into(),
         })
@@ -121,20 +131,26 @@ impl Runtime {
         Ok(of.map(|(_, path)| path.clone()).collect())
     }
 
-    fn input(&mut self, session: u64, action: &Action, hand: xr::Path) -> Result<Option<[f32; 2]>, Refusal> {
+    fn input(&mut self, session: u64, action: &Action, hand: xr::Path) -> Result<Option<Value>, Refusal> {
         let Some(profile) = self.script.profile.clone() else { return Ok(None) };
         let paths = self.bound(action, &profile, hand)?;
         let session = self.session(session)?;
         if paths.is_empty() || !session.synced.contains(&action.set) {
             return Ok(None);
         }
-        let frame = session.latest.number;
-        let pressed = self.script.inputs.iter().filter(|input| within(frame, input.from, input.to));
-        let hit = |input: &crate::script::Input, path: &String| {
-            path.strip_prefix(&input.path).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        let (before, now) = session.sync_frames;
+        let hit = |input: &Input| {
+            let part = |path: &String| {
+                path.strip_prefix(&input.path).map(|rest| rest.is_empty() || rest.starts_with('/'))
+            };
+            paths.iter().any(|path| part(path) == Some(true))
         };
-        let found = pressed.filter(|input| paths.iter().any(|path| hit(input, path))).map(|i| i.value).next();
-        Ok(Some(found.unwrap_or_default()))
+        let at = |frame: u64| {
+            let pressed =
+                self.script.inputs.iter().find(|input| within(frame, input.from, input.to) && hit(input));
+            pressed.map_or([0.0; 2], |input| input.value)
+        };
+        Ok(Some(Value { now: at(now), changed: at(now) != at(before) }))
     }
 
     /// Where a pose action is in the head's space: the eyes, or a hand held out; nothing where it is not active.
@@ -150,13 +166,14 @@ impl Runtime {
         if !synced {
             return Ok(None);
         }
-        if !self.bound(&action, EYE_PROFILE, hand)?.is_empty() {
+        if !self.bound(&action, profiles::EYES, hand)?.is_empty() {
             return Ok(world::gaze(&self.script.gaze, frame).filter(|_| self.script.eye_tracker));
         }
         let Some(profile) = self.script.profile.clone() else { return Ok(None) };
         let paths = self.bound(&action, &profile, hand)?;
         let side = if paths.iter().any(|path| path.contains("/left/")) { -0.2 } else { 0.2 };
-        let held = Pose { place: glam::Vec3::new(side, -0.3, -0.4), ..Pose::IDENTITY };
+        let turn = glam::Quat::from_rotation_x(-HAND_DOWN.to_radians());
+        let held = Pose { place: glam::Vec3::new(side, -0.3, -0.4), turn };
         Ok((!paths.is_empty()).then_some(held))
     }
 }

@@ -7,7 +7,7 @@ use openxr_sys::{self as xr, Handle};
 
 use crate::abi::{self, In, Out};
 use crate::nested;
-use crate::objects::Object;
+use crate::objects::{Instance, Object};
 use crate::refusal::{Outcome, wrong};
 use crate::runtime::{On, Runtime, SYSTEM, enter};
 
@@ -82,13 +82,13 @@ pub(crate) fn create(info: In<xr::InstanceCreateInfo>, instance: Out<xr::Instanc
         if let Some(unknown) = extensions.iter().find(|&e| !listed.iter().any(|(name, _)| name == e)) {
             return Err(wrong(xr::Result::ERROR_EXTENSION_NOT_PRESENT, format!("{unknown} is not listed")));
         }
-        if runtime.objects.iter().any(|(_, object)| matches!(object, Object::Instance { .. })) {
+        if runtime.objects.iter().any(|(_, object)| matches!(object, Object::Instance(_))) {
             return Err(xr::Result::ERROR_LIMIT_REACHED.into());
         }
         runtime.lost = false;
         runtime.vulkan = Default::default();
         let minor_version = version.minor();
-        let object = Object::Instance { extensions, minor_version, events: VecDeque::new() };
+        let object = Object::Instance(Instance { extensions, minor_version, events: VecDeque::new() });
         let handle = runtime.objects.insert(0, object);
         note.set("made", "Instance");
         instance.set(xr::Instance::from_raw(handle))?;

@@ -52,6 +52,9 @@ pub(crate) fn create(
         let number = runtime.sessions_so_far();
         runtime.count_session();
         note.set("made", "Session");
+        for (key, value) in held() {
+            note.set(key, value);
+        }
         let object = Session {
             script: runtime.script.sessions.get(number).cloned().unwrap_or_default(),
             gpu,
@@ -70,6 +73,7 @@ pub(crate) fn create(
             last_display: 0,
             action_sets: None,
             synced: BTreeSet::new(),
+            sync_frames: (0, 0),
             hidden_corners: BTreeMap::new(),
             refresh_rate: (1000.0 / runtime.script.period_ms) as f32,
         };
@@ -78,6 +82,18 @@ pub(crate) fn create(
         runtime.step(handle, When::Created)?;
         DONE
     })
+}
+
+/// What the process holds now, to find leaks: open files, threads, memory.
+fn held() -> [(&'static str, Option<u64>); 3] {
+    let count = |folder: &str| std::fs::read_dir(folder).ok().map(|entries| entries.count() as u64);
+    let pages = std::fs::read_to_string("/proc/self/statm").ok();
+    let resident = pages.and_then(|text| text.split(' ').nth(1)?.parse::<u64>().ok());
+    [
+        ("fds", count("/proc/self/fd")),
+        ("threads", count("/proc/self/task")),
+        ("memory_kib", resident.map(|pages| pages * 4)),
+    ]
 }
 
 pub(crate) fn destroy(session: xr::Session) -> xr::Result {

@@ -119,9 +119,14 @@ impl Application {
             let _ = self.session.sync_actions(&[hl::ActiveActionSet::new(&set)]);
         }
         let path = |text| self.instance.string_to_path(text).unwrap();
+        let input = match self.makes("no such input") {
+            true => "/user/hand/left/input/thumbstick/y",
+            false => "/user/hand/left/input/select/click",
+        };
         let profile = path("/interaction_profiles/khr/simple_controller");
-        let binding = hl::Binding::new(&action, path("/user/hand/left/input/select/click"));
-        self.instance.suggest_interaction_profile_bindings(profile, &[binding]).unwrap();
+        let binding = hl::Binding::new(&action, path(input));
+        let suggested = self.instance.suggest_interaction_profile_bindings(profile, &[binding]);
+        assert_eq!(suggested.is_ok(), !self.makes("no such input"));
         self.session.attach_action_sets(&[&set]).unwrap();
         if self.makes("attach twice") {
             let _ = self.session.attach_action_sets(&[&set]);
@@ -248,7 +253,11 @@ impl Application {
                 }
             }
             swapchain.wait_image(hl::Duration::INFINITE).unwrap();
-            self.vulkan.clear(vk::Image::from_raw(images[image as usize]), colour);
+            let rest = match self.mistake == "wrong layout" {
+                true => vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+                false => vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
+            };
+            self.vulkan.clear(vk::Image::from_raw(images[image as usize]), rest, colour);
             self.swapchains[eye].release_image().unwrap();
         }
     }
@@ -316,4 +325,16 @@ pub fn missing() -> Option<String> {
             Err(error) => Some(format!("no Vulkan device ({error})")),
         }
     }
+}
+
+/// Whether Vulkan's validation layer is installed.
+pub fn validates() -> bool {
+    // SAFETY: only the names of layers are asked for.
+    let layers = unsafe { ash::Entry::load().map(|entry| entry.enumerate_instance_layer_properties()) };
+    layers.is_ok_and(|found| {
+        let named = |layer: &vk::LayerProperties| {
+            layer.layer_name_as_c_str().is_ok_and(|name| name == c"VK_LAYER_KHRONOS_validation")
+        };
+        found.is_ok_and(|layers| layers.iter().any(named))
+    })
 }

@@ -34,15 +34,21 @@ fn possible() -> bool {
 
 /// What the application called with one mistake, or none.
 fn run(mistake: &str, script: &Script) -> Log {
+    run_and_listen(mistake, script).0
+}
+
+/// The same, and what Vulkan's validation layer, where it is installed, has said.
+fn run_and_listen(mistake: &str, script: &Script) -> (Log, String) {
     let folder = tempfile::tempdir().unwrap();
     let setup = Setup::new(folder.path(), script);
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "client", "--ignored", "--nocapture"]).env(MISTAKE, mistake);
+    command.env("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation");
     let output = setup.apply(&mut command).output().unwrap();
     let text =
         String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{mistake}: {text}");
-    setup.log()
+    (setup.log(), text)
 }
 
 #[test]
@@ -53,7 +59,8 @@ fn a_correct_application_breaks_no_rule() {
     let pictures = tempfile::tempdir().unwrap();
     let dump = Dump { frame: 4, folder: pictures.path().into() };
     let session = Session { dumps: vec![dump], ..Session::default() };
-    let log = run("", &Script { sessions: vec![session], ..Script::default() });
+    let (log, said) = run_and_listen("", &Script { sessions: vec![session], ..Script::default() });
+    assert!(!said.contains("VUID"), "{said}");
     assert_eq!(log.violations(), Vec::<String>::new());
     assert_eq!(log.leftovers(), Vec::<String>::new());
     let states: Vec<&str> = log.calls("xrPollEvent").iter().filter_map(|r| r.0["state"].as_str()).collect();
@@ -108,11 +115,19 @@ fn each_mistake_is_found() {
         ("wrong type", "xrEndFrame: FRAME_STATE stands where FRAME_END_INFO must"),
         ("attach twice", "xrAttachSessionActionSets: the action sets are attached already"),
         ("sync unattached", "xrSyncActions: an action set is synchronised that the session does not have"),
+        ("no such input", "/user/hand/left/input/thumbstick/y is not of /interaction_profiles/khr"),
         ("stale handle", "xrAcquireSwapchainImage: there is no Swapchain"),
     ];
     for (mistake, expected) in mistakes {
         let violations = run(mistake, &Script::default()).violations();
         assert!(violations.iter().any(|v| v.contains(expected)), "{mistake}: {violations:?}");
+    }
+    if application::validates() {
+        let (_, said) = run_and_listen("wrong layout", &Script::default());
+        assert!(said.contains("VUID"), "{said}");
+    } else {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "Vulkan's validation layer is missing");
+        println!("not run: Vulkan's validation layer is missing");
     }
     for (mistake, expected) in [("instance left", "Instance"), ("space left", "Space")] {
         let leftovers = run(mistake, &Script::default()).leftovers();

@@ -54,8 +54,8 @@ impl Vulkan {
         }
     }
 
-    /// Fills an image with a colour.
-    pub fn clear(&self, image: vk::Image, colour: [f32; 4]) {
+    /// Fills an image, which is in the layout `rest` before and after, with a colour.
+    pub fn clear(&self, image: vk::Image, rest: vk::ImageLayout, colour: [f32; 4]) {
         let range = vk::ImageSubresourceRange {
             aspect_mask: vk::ImageAspectFlags::COLOR,
             base_mip_level: 0,
@@ -63,8 +63,7 @@ impl Vulkan {
             base_array_layer: 0,
             layer_count: 1,
         };
-        let (rest, write) =
-            (vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL, vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+        let write = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
         let all = vk::PipelineStageFlags::ALL_COMMANDS;
         let access = vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE;
         let barrier = |from, to| {
