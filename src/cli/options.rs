@@ -14,15 +14,26 @@ use crate::scene::viewpoint::default_viewpoint;
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct Overrides {
-    /// Settings that come with the program, measured on several scenes: fast, balanced or accurate.
-    #[arg(long, value_name = "NAME")]
-    preset: Option<String>,
     /// Settings from a TOML file like configs/default.toml.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// One setting, such as trace.rays=16. May be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
+    /// all that work by default.
+    #[arg(long, visible_alias = "device", value_name = "NAME,...")]
+    devices: Option<String>,
+}
+
+/// Settings from presets, files and `--set`, frame times to hold, and how results are printed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfigOptions {
+    /// Settings that come with the program, measured on several scenes: fast, balanced or accurate.
+    #[arg(long, value_name = "NAME")]
+    preset: Option<String>,
+    #[command(flatten)]
+    overrides: Overrides,
     /// Hold this frame time: milliseconds, "display" (its period less a margin) or "none". One picture takes
     /// the point of the front that is expected to meet it.
     #[arg(long, value_name = "MS|display|none")]
@@ -30,38 +41,16 @@ pub struct Overrides {
     /// Stay at this foveated score, 0 to 10, where the frame time allows it.
     #[arg(long, value_name = "SCORE")]
     target_score: Option<f64>,
-    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
-    /// all that work by default.
-    #[arg(long, visible_alias = "device", value_name = "NAME,...")]
-    devices: Option<String>,
-}
-
-/// Settings from files and `--set`, and how results are printed.
-#[derive(Clone, Debug, Default, clap::Args)]
-pub struct ConfigOptions {
-    #[command(flatten)]
-    overrides: Overrides,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
 }
 
 impl ConfigOptions {
-    /// The defaults under files under assignments.
-    pub fn layers(&self, layers: Layers) -> Result<Layers> {
-        self.overrides.layers(layers)
-    }
-}
-
-impl Overrides {
-    /// The defaults under files under assignments.
+    /// The defaults under a preset under files under assignments.
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.preset.iter().try_for_each(|name| layers.preset(name))?;
-        self.config.iter().try_for_each(|path| layers.file(path))?;
-        self.set.iter().try_for_each(|assignment| layers.assign(assignment))?;
-        if let Some(devices) = &self.devices {
-            layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
-        }
+        let mut layers = self.overrides.layers(layers)?;
         let target_ms = self.target_ms.as_deref().map(number_or_name);
         let target_score = self.target_score.map(toml::Value::Float);
         let flags = [
@@ -71,6 +60,18 @@ impl Overrides {
         for (flag, key, value) in flags {
             let Some(value) = value else { continue };
             layers.set(key, value).and_then(|()| layers.check()).map_err(|e| renamed(e, flag))?;
+        }
+        Ok(layers)
+    }
+}
+
+impl Overrides {
+    /// The defaults under files under assignments.
+    pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
+        self.config.iter().try_for_each(|path| layers.file(path))?;
+        self.set.iter().try_for_each(|assignment| layers.assign(assignment))?;
+        if let Some(devices) = &self.devices {
+            layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
         }
         Ok(layers)
     }

@@ -12,6 +12,7 @@ use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
 use crate::config::{Config, HeadsetConfig, Stereo};
 use crate::error::{Error, Result};
+use crate::frame::budget::{self, Controller};
 use crate::frame::{Loaded, Output, Plan, Renderer, Shot};
 use crate::gpu::vulkan::{Encoding, Rect, Target};
 use crate::headset::openxr::{EyeView, Fault, Frame, Next, Options, Outcome, Runtime, Session};
@@ -61,6 +62,8 @@ struct Run {
     stats: Stats,
     told: Told,
     wearer: Wearer,
+    /// Holds the frame time, where one is asked for, once the display's period is known.
+    controller: Option<Controller>,
 }
 
 /// What the last session was like.
@@ -81,7 +84,7 @@ impl Presentation<'_> {
     /// Where something fails that building anew would not mend.
     pub fn run(&self, runtime: Runtime) -> Result<Summary> {
         let wearer = Wearer::new(self.rest, &self.loaded.scene, &self.config.headset);
-        let mut run = Run { stats: Stats::default(), told: Told::default(), wearer };
+        let mut run = Run { stats: Stats::default(), told: Told::default(), wearer, controller: None };
         let mut runtime = Some(runtime);
         let mut in_vain = 0;
         while let Some(found) = runtime.take() {
@@ -201,6 +204,7 @@ impl Presentation<'_> {
         };
         let (hands, gaze) = session.input(frame.time)?;
         run.wearer.walk(&hands, &eyes, frame.time, &self.loaded.scene);
+        self.hold(stage, session, run)?;
         let targets = session.acquire()?;
         // As late as it can be: all that is left to do before tracing is to choose samples.
         eyes = self.eyes(session, frame)?.unwrap_or(eyes);
@@ -237,6 +241,10 @@ impl Presentation<'_> {
         if let Some(fault) = fault {
             return Err(fault);
         }
+        // Drivers finish building kernels at their first launch: that frame says nothing of the view.
+        if let Some(controller) = run.controller.as_mut().filter(|_| run.stats.frames > 0) {
+            controller.observe(report.frame_ms, report.pattern_ms);
+        }
         if self.config.view.stereo == Stereo::Mono {
             let first = shown[0];
             shown.fill(first);
@@ -249,6 +257,18 @@ impl Presentation<'_> {
         run.told.views =
             each.map(|(index, view)| ViewSummary::of(view, self.sharp(&views, &sharp, index))).collect();
         Ok(())
+    }
+
+    /// Has the next frame made so that it takes the time that it may.
+    fn hold(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<()> {
+        if run.controller.is_none() {
+            let period_ms = session.clock().period().map(|nanoseconds| nanoseconds as f64 * 1e-6);
+            run.controller = budget::controller(self.config, period_ms)?;
+        }
+        match &run.controller {
+            Some(controller) => stage.renderer.apply(&controller.config(self.config)),
+            None => Ok(()),
+        }
     }
 
     /// Where the eyes will be when the frame is shown; `None` where it will not be, or nothing is known.
