@@ -1,5 +1,36 @@
 // Camera rays: the first hit of every pixel, or of every sample.
 
+#if SINGLE_RAYS
+static HitRecord look_through(const Scene *scene, const Camera *camera, uint x, uint y)
+{
+    HitRecord hit = {NONE, INFINITY};
+    trace_ray(scene, load3(camera->origin), load3(camera->origin_low), camera_ray(camera, x, y), &hit.t, &hit.triangle,
+              CLOSEST_FRONT, camera->seed);
+    return hit;
+}
+
+// hits[y * width + x] for all pixels from row `first_row` on; a work-item takes one. Items go through blocks of 8
+// by 8, so that those which run in step see much the same.
+__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, uint first_row, uint rows, __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint across = (camera.width + BLOCK - 1u) / BLOCK;
+    uint item = (uint)get_global_id(0), block = item / (BLOCK * BLOCK), inside = item % (BLOCK * BLOCK);
+    uint x = block % across * BLOCK + inside % BLOCK, y = block / across * BLOCK + inside / BLOCK;
+    if (x < camera.width && y < rows)
+        hits[(first_row + y) * camera.width + x] = look_through(&scene, &camera, x, first_row + y);
+}
+
+// hits[first + i] for samples first .. first + count; a work-item takes one.
+__kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count,
+                            __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i < count)
+        hits[first + i] = look_through(&scene, &camera, samples[first + i] & 0xffffu, samples[first + i] >> 16);
+}
+#else
 // hits[y * width + x] for all pixels from row `first_row` on; a work-item takes 8 by 8 of them.
 __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, uint first_row, uint rows, __global HitRecord *hits)
 {
@@ -41,3 +72,4 @@ __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint
         hits[first + begin + i] = hit;
     }
 }
+#endif

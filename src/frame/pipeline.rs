@@ -15,7 +15,7 @@ use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
-use crate::scene::Sun;
+use crate::scene::{Features, Sun};
 use crate::trace::{self, TracePattern, Tracer};
 
 /// What the finished picture's numbers are.
@@ -126,7 +126,9 @@ impl Renderer {
         sharing: Sharing,
     ) -> Result<(Self, Vec<Step>)> {
         let (tracer, tracer_step) = timed("kernels and upload", || {
-            Tracer::new(device, &loaded.scene, &loaded.bvh, &loaded.environment)
+            let features = Features::required_by(&loaded.scene, &loaded.environment);
+            let walk = config.trace.walk.on(device);
+            Tracer::with_features(device, &loaded.scene, &loaded.bvh, &loaded.environment, &features, walk)
         })?;
         let (reconstruction, shaders_step) =
             timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;

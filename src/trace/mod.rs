@@ -5,7 +5,9 @@ pub mod probe;
 mod scene_buffers;
 mod source;
 mod tracer;
+mod walk;
 pub mod warm;
 
 pub use scene_buffers::{BufferBytes, SceneBuffers};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer};
+pub use walk::Walk;

@@ -12,8 +12,9 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Material, Scene};
 
 use super::SceneBuffers;
+use super::Walk;
 use super::source;
-use super::tracer::{self, BLOCK, GROUP, Settings};
+use super::tracer::{self, BLOCK, Settings};
 
 /// Rays of a bundle, which leave one point.
 pub const BUNDLE: usize = 32;
@@ -73,6 +74,7 @@ pub fn shape_of(mut scene: Scene) -> Scene {
 #[derive(Debug)]
 pub struct Probe {
     device: Device,
+    walk: Walk,
     scene: SceneBuffers,
     anchor: glam::DVec3,
     pixels: Kernel,
@@ -96,12 +98,13 @@ impl Probe {
     ///
     /// # Errors
     /// Where the kernels do not build, or the scene does not fit.
-    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh) -> Result<Self> {
-        let options = source::options(&Features::default(), bvh.depth());
+    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh, walk: Walk) -> Result<Self> {
+        let options = source::options(&Features::default(), bvh.depth(), walk);
         let program = Program::build(device, "probe", &source::probe_text(), &options)?;
         let darkness = Environment::constant(glam::Vec3::ZERO);
         Ok(Probe {
-            scene: SceneBuffers::upload(device, shape, bvh, &darkness)?,
+            scene: SceneBuffers::upload(device, shape, bvh, &darkness, walk)?,
+            walk,
             anchor: shape.anchor,
             pixels: program.kernel("trace_pixels")?,
             samples: program.kernel("trace_samples")?,
@@ -121,6 +124,11 @@ impl Probe {
         })
     }
 
+    /// The kernels' variant.
+    pub fn walk(&self) -> Walk {
+        self.walk
+    }
+
     /// The device.
     pub fn device(&self) -> &Device {
         &self.device
@@ -136,7 +144,7 @@ impl Probe {
     /// # Errors
     /// [`crate::Error::Device`] where the device has no room for them.
     pub fn look(&mut self, view: &View, pattern: &Pattern) -> Result<()> {
-        let settings = Settings { rays: 1, bounces: 0, guided: false, seed: 0, jitter: false };
+        let settings = Settings { rays: 1, bounces: 0, edge_rays: 0, guided: false, seed: 0, jitter: false };
         self.camera = tracer::camera(view, self.anchor, &settings);
         self.sampled = Buffer::from_slice(&self.device, &pattern.samples)?;
         self.sample_count = pattern.samples.len();
@@ -185,6 +193,7 @@ impl Probe {
 
     fn launch(&self, kind: RayKind) -> Result<Event> {
         let mut args = self.scene.args();
+        let group = self.walk.group();
         match kind {
             RayKind::Pixels => {
                 let rows = self.camera.height;
@@ -195,7 +204,7 @@ impl Probe {
                     Arg::buffer(&self.pixel_hits),
                 ]);
                 let blocks = self.camera.width.div_ceil(BLOCK) as usize * rows.div_ceil(BLOCK) as usize;
-                self.pixels.launch(&args, blocks, GROUP)
+                self.pixels.launch(&args, self.walk.items_of_blocks(blocks), group)
             }
             RayKind::Samples => {
                 let count = self.sample_count as u32;
@@ -206,17 +215,17 @@ impl Probe {
                     Arg::U32(count),
                     Arg::buffer(&self.sample_hits),
                 ]);
-                self.samples.launch(&args, self.sample_count.div_ceil(BUNDLE), GROUP)
+                self.samples.launch(&args, self.walk.items_of_samples(self.sample_count), group)
             }
             RayKind::Occlusion => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.hidden));
-                self.occlusion.launch(&args, self.bundle_count, GROUP)
+                self.occlusion.launch(&args, self.walk.items_of_bundles(self.bundle_count), group)
             }
             RayKind::Bounce => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.bounce_hits));
-                self.bounce.launch(&args, self.bundle_count, GROUP)
+                self.bounce.launch(&args, self.walk.items_of_bundles(self.bundle_count), group)
             }
         }
     }

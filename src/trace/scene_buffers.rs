@@ -2,6 +2,7 @@
 
 use glam::Vec4;
 
+use super::Walk;
 use crate::bvh::WideBvh;
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device};
@@ -12,7 +13,7 @@ use crate::scene::{AlphaMode, Environment, Features, LightKind, Scene, TextureRe
 /// All buffers of a scene. Those that no feature requires do not exist.
 #[derive(Debug)]
 pub struct SceneBuffers {
-    nodes: Buffer<layout::WideNode>,
+    nodes: Nodes,
     leaves: Buffer<f32>,
     triangles: Buffer<layout::Triangle>,
     normals: Buffer<u32>,
@@ -30,6 +31,29 @@ pub struct SceneBuffers {
     pub(super) shading: layout::Shading,
 }
 
+/// The tree in the form that a variant of the kernels walks.
+#[derive(Debug)]
+enum Nodes {
+    Wide(Buffer<layout::WideNode>),
+    Compact(Buffer<layout::CompactNode>),
+}
+
+impl Nodes {
+    fn arg(&self) -> Arg<'_> {
+        match self {
+            Nodes::Wide(buffer) => Arg::buffer(buffer),
+            Nodes::Compact(buffer) => Arg::buffer(buffer),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Nodes::Wide(buffer) => buffer.bytes(),
+            Nodes::Compact(buffer) => buffer.bytes(),
+        }
+    }
+}
+
 /// A device buffer's name and size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct BufferBytes {
@@ -44,11 +68,17 @@ const SUN_SHARE: f32 = 0.125;
 const ENVIRONMENT_SHARE: f32 = 0.375;
 
 impl SceneBuffers {
-    /// Uploads a scene.
+    /// Uploads a scene for a variant of the kernels.
     ///
     /// # Errors
     /// [`Error::Device`] where it does not fit.
-    pub fn upload(device: &Device, scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
+    pub fn upload(
+        device: &Device,
+        scene: &Scene,
+        bvh: &WideBvh,
+        environment: &Environment,
+        walk: Walk,
+    ) -> Result<Self> {
         if scene.materials.len() > layout::MAX_MATERIALS {
             return Err(Error::setting(
                 "scene",
@@ -72,7 +102,10 @@ impl SceneBuffers {
                 .transpose()
         };
         Ok(SceneBuffers {
-            nodes: Buffer::from_slice(device, &bvh.nodes)?,
+            nodes: match walk {
+                Walk::Together => Nodes::Wide(Buffer::from_slice(device, &bvh.nodes)?),
+                Walk::Alone => Nodes::Compact(Buffer::from_slice(device, &bvh.compact())?),
+            },
             leaves: Buffer::from_slice(device, &bvh.leaf_vertices(&mesh.positions, &mesh.triangles))?,
             triangles: Buffer::from_slice(device, &pack_triangles(scene, bvh))?,
             normals: Buffer::from_slice(device, &normals)?,
@@ -102,7 +135,7 @@ impl SceneBuffers {
     /// The kernels' first arguments, in the order of `SCENE_PARAMETERS`.
     pub(super) fn args(&self) -> Vec<Arg<'_>> {
         vec![
-            Arg::buffer(&self.nodes),
+            self.nodes.arg(),
             Arg::buffer(&self.leaves),
             Arg::buffer(&self.triangles),
             Arg::buffer(&self.normals),

@@ -9,10 +9,8 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::SceneBuffers;
+use super::Walk;
 use super::source;
-
-/// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
-pub(super) const GROUP: usize = 8;
 
 /// Pixels across and down that a work-item of `trace_pixels` takes: `BLOCK` of frustum.h.
 pub(super) const BLOCK: u32 = 8;
@@ -54,6 +52,7 @@ pub struct Traced {
 pub struct Tracer {
     device: Device,
     scene: SceneBuffers,
+    walk: Walk,
     anchor: glam::DVec3,
     trace_pixels: Kernel,
     trace_samples: Kernel,
@@ -89,21 +88,24 @@ impl Tracer {
     /// Where the kernels do not build, or the scene does not fit.
     pub fn new(device: &Device, scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
         let features = Features::required_by(scene, environment);
-        Self::with_features(device, scene, bvh, environment, &features)
+        Self::with_features(device, scene, bvh, environment, &features, Walk::for_device(device))
     }
 
-    /// Like [`Tracer::new`], with kernels built for given features: at least those that are required.
+    /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
+    /// given variant.
     pub fn with_features(
         device: &Device,
         scene: &Scene,
         bvh: &WideBvh,
         environment: &Environment,
         features: &Features,
+        walk: Walk,
     ) -> Result<Self> {
-        let options = source::options(features, bvh.depth());
+        let options = source::options(features, bvh.depth(), walk);
         let program = Program::build(device, "foveate", &source::text(), &options)?;
         Ok(Tracer {
-            scene: SceneBuffers::upload(device, scene, bvh, environment)?,
+            scene: SceneBuffers::upload(device, scene, bvh, environment, walk)?,
+            walk,
             anchor: scene.anchor,
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
@@ -213,7 +215,8 @@ impl Tracer {
         let mut args = self.scene.args();
         args.extend([Arg::value(camera), Arg::U32(0), Arg::U32(view.height), Arg::buffer(&self.hits)]);
         let blocks = view.width.div_ceil(BLOCK) as usize * view.height.div_ceil(BLOCK) as usize;
-        let trace = self.trace_pixels.launch(&args, blocks, GROUP)?;
+        let group = self.walk.group();
+        let trace = self.trace_pixels.launch(&args, self.walk.items_of_blocks(blocks), group)?;
         let mut args = self.scene.args();
         args.extend([
             Arg::value(camera),
@@ -223,7 +226,7 @@ impl Tracer {
             Arg::buffer(&self.hits),
             Arg::buffer(records),
         ]);
-        let describe = self.describe_pixels.launch(&args, view.pixels().div_ceil(RUN), GROUP)?;
+        let describe = self.describe_pixels.launch(&args, view.pixels().div_ceil(RUN), group)?;
         let mut events = vec![trace, describe];
         if let Some(kernel) = &self.light_pixels {
             let mut args = self.scene.args();
@@ -236,7 +239,7 @@ impl Tracer {
                 Arg::buffer(records),
                 Arg::buffer(&self.counters),
             ]);
-            events.push(kernel.launch(&args, blocks, GROUP)?);
+            events.push(kernel.launch(&args, blocks, group)?);
         }
         if edge_rays > 0 {
             let mut args = self.scene.args();
@@ -249,7 +252,7 @@ impl Tracer {
                 Arg::buffer(records),
                 Arg::buffer(&self.counters),
             ]);
-            events.push(self.share_edges.launch(&args, blocks, GROUP)?);
+            events.push(self.share_edges.launch(&args, blocks, group)?);
         }
         Ok(events)
     }
@@ -263,7 +266,7 @@ impl Tracer {
             Arg::U32(pattern.count as u32),
             Arg::buffer(&self.hits),
         ]);
-        self.trace_samples.launch(&args, pattern.count.div_ceil(32), GROUP)
+        self.trace_samples.launch(&args, self.walk.items_of_samples(pattern.count), self.walk.group())
     }
 
     fn shade(
@@ -286,7 +289,7 @@ impl Tracer {
             Arg::buffer(samples),
             Arg::buffer(&self.counters),
         ]);
-        self.shade_samples.launch(&args, pattern.count, GROUP)
+        self.shade_samples.launch(&args, pattern.count, self.walk.group())
     }
 }
 

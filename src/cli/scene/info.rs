@@ -49,7 +49,9 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
-    let buffers = SceneBuffers::upload(&machine.device, &loaded.scene, &loaded.bvh, &loaded.environment)?;
+    let walk = config.trace.walk.on(&machine.device);
+    let buffers =
+        SceneBuffers::upload(&machine.device, &loaded.scene, &loaded.bvh, &loaded.environment, walk)?;
     let device_buffers = buffers.bytes();
     let info = Info {
         scene: args.scene.display().to_string(),
