@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench gpu-check-bundle lint install-udev
+.PHONY: help demo test test-remote test-hid bench bench-fleet gpu-check-bundle lint install-udev
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -27,6 +27,16 @@ test: ## Install what the tests need and run all of them; ARGS="--test foveation
 	scripts/install-packages.sh test
 	scripts/run-tests.sh $(ARGS)
 
+test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
+	@$(need_cargo)
+	scripts/install-packages.sh remote
+	cargo build
+	scripts/test-remote.sh
+
+test-hid: ## Read a virtual Rift DK1 in a real kernel (QEMU; Debian)
+	@$(need_cargo)
+	scripts/test-hid.sh
+
 bench: ## Measure frames, and rays beside Embree and obvhs; ARGS="--scenes demo" goes to the first, RAYS="--scenes sponza" to the second
 	@$(need_cargo)
 	scripts/install-packages.sh bench
@@ -37,9 +47,14 @@ gpu-check-bundle: ## Pack what scripts/gpu-check.sh needs on a machine with a GP
 	@$(need_cargo)
 	scripts/gpu-check.sh pack out/gpu-check.tar.gz
 
+bench-fleet: ## Measure what sharing frames costs and gains; ARGS="--frames 12" passes arguments on
+	@$(need_cargo)
+	scripts/install-packages.sh demo
+	cargo bench --bench fleet -- $(ARGS)
+
 lint: ## Check format and lints (needs the rustfmt and clippy components)
 	@$(need_cargo)
-	cargo fmt --check
+	cargo fmt --all --check
 	cargo clippy --all-targets -- -D warnings
 
 install-udev: ## Let this seat's user open the tracker of a Rift DK1

@@ -200,16 +200,14 @@ static uint share_of_shadow(const Pixels *p, uint x, uint y)
     return winner << NEIGHBOUR_SHIFT | (uint)((float)apart / 12.0f * WHOLE_SHARE + 0.5f) << SHARE_SHIFT;
 }
 
-// Adds the neighbours' shares to the records of all pixels from row `first_row` on; a work-item takes 8
+// Adds the neighbours' shares to the records of all pixels of the tiles first .. first + tile_count; a work-item takes 8
 // by 8 of them. counters[0] sums the rays.
-__kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, uint first_row, uint rows,
-                          __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
+__kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global const uint *tiles, uint first,
+                          uint tile_count, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint across = (camera.width + BLOCK - 1u) / BLOCK;
-    uint item = (uint)get_global_id(0);
-    uint left = item % across * BLOCK, top = first_row + item / across * BLOCK;
-    if (top >= first_row + rows)
+    uint left, top;
+    if (!block_corner(&camera, tiles, first, tile_count, (uint)get_global_id(0), &left, &top))
         return;
     Pixels seen = {&scene, &camera, hits, records};
     Edges edges = find_edges(&seen, left, top);

@@ -44,6 +44,19 @@ var<immediate> parameters: Parameters;
 // [neighbour][sample]: indices, nearest first.
 @group(0) @binding(5) var<storage, read> nearest: array<u32>;
 
+// From the picture as it is shown to the view as it was traced.
+struct Warp {
+    // Rays of the picture as shown, in world orientation; (corner, across, down).w is its axis, ahead.
+    rays: Rays,
+    // The shown eye relative to the traced one, in metres; w is 0 where both are the same.
+    offset: vec4<f32>,
+    // Pixel of the traced view, from a point p relative to its eye: (x . p, y . p) / (ahead . p).
+    x: vec4<f32>,
+    y: vec4<f32>,
+    ahead: vec4<f32>,
+}
+@group(0) @binding(6) var<storage, read> warp: array<Warp, 1>;
+
 @vertex
 fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
     return vec4(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0, 0.0, 1.0);
@@ -53,9 +66,54 @@ fn view_pixel(position: vec4<f32>) -> vec2<u32> {
     return vec2<u32>(vec2<i32>(position.xy) + vec2(parameters.shift_x, parameters.shift_y));
 }
 
+// The pixel of the traced view in which a point relative to its eye is seen; the nearest one of the
+// band where it is seen in none.
+fn traced_pixel(point: vec3<f32>) -> vec2<u32> {
+    let ahead = max(dot(warp[0].ahead.xyz, point), 1e-6);
+    let at = vec2(dot(warp[0].x.xyz, point), dot(warp[0].y.xyz, point)) / ahead;
+    let first = vec2(0.0, f32(parameters.first_row));
+    let last = vec2(f32(parameters.width), f32(parameters.first_row + parameters.rows)) - 1.0;
+    return vec2<u32>(clamp(at, first, last));
+}
+
+// The direction of a pixel of the picture as shown.
+fn shown_direction(at: vec2<u32>) -> vec3<f32> {
+    let rays = warp[0].rays;
+    return rays.corner.xyz + f32(at.x) * rays.across.xyz + f32(at.y) * rays.down.xyz;
+}
+
+// How often the depth of a pixel is asked for until it is the depth of what is seen there.
+const WARP_STEPS = 3;
+
+// The traced pixel that a pixel of the picture as shown sees. The depth along its ray is not known; what
+// is known is the depth of each traced pixel, so a fixed point is looked for (Bowles et al. 2012,
+// "Iterative image warping"), from infinitely far away on.
+fn warped(at: vec2<u32>) -> vec2<u32> {
+    if warp[0].offset.w == 0.0 {
+        return at;
+    }
+    let direction = shown_direction(at);
+    let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
+    var found = traced_pixel(direction);
+    for (var step = 0; step < WARP_STEPS; step++) {
+        let depth = bitcast<f32>(visibility[place_in_band(found)].y);
+        if !(depth > 0.0) {
+            return found;
+        }
+        let seen = point_at(parameters.rays, f32(found.x), f32(found.y), depth) - warp[0].offset.xyz;
+        found = traced_pixel(warp[0].offset.xyz + direction * max(dot(axis, seen), 1e-3));
+    }
+    return found;
+}
+
 @fragment
 fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    let pixel = place_in_band(view_pixel(position));
+    var at = view_pixel(position);
+    // No depths are known here: only turns are corrected.
+    if warp[0].offset.w != 0.0 {
+        at = traced_pixel(shown_direction(at));
+    }
+    let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
     var radiance = vec3(0.0);
     var sum = 0.0;
@@ -176,7 +234,7 @@ fn edge_of(normal: u32) -> Edge {
 
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    let at = view_pixel(position);
+    let at = warped(view_pixel(position));
     let edge = edge_of(visibility[place_in_band(at)].x);
     let neighbour = vec2<u32>(vec2<i32>(at) + edge.step);
     // A neighbour beyond the band is not known here.

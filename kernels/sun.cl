@@ -14,23 +14,23 @@ static bool sun_origin(const Facet *f, float3 d, float3 sun, float3 *origin)
     return dot3(n, sun) > 0.0f;
 }
 
-// Adds the sun's visibility to the records of all pixels from row `first_row` on; a work-item takes
-// 8 by 8 of them.
-__kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, uint first_row, uint rows,
-                           __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
+// Adds the sun's visibility to the records of all pixels of the tiles first .. first + count; a work-item
+// takes 8 by 8 of them.
+__kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
+                           uint count_of_tiles, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint across = (camera.width + BLOCK - 1u) / BLOCK;
-    uint item = (uint)get_global_id(0);
-    uint left = item % across * BLOCK, top = item / across * BLOCK;
+    uint left, top;
+    if (!block_corner(&camera, tiles, first, count_of_tiles, (uint)get_global_id(0), &left, &top))
+        return;
     float3 sun = load3(shading.sun_direction), origins[BEAM_RAYS];
     float widths[BEAM_RAYS];
     ulong waiting = 0ul;
     Facet facet;
     uint prepared = NONE;
     for (uint i = 0; i < BEAM_RAYS; ++i) {
-        uint x = left + i % BLOCK, y = first_row + top + i / BLOCK;
-        if (x >= camera.width || top + i / BLOCK >= rows)
+        uint x = left + i % BLOCK, y = top + i / BLOCK;
+        if (x >= camera.width || y >= camera.height)
             continue;
         HitRecord hit = hits[y * camera.width + x];
         if (hit.triangle == NONE)
@@ -64,7 +64,7 @@ __kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, uin
         ulong hidden = trace_beam(&scene, &beam, camera.seed);
         for (uint k = 0; k < count; ++k)
             if (!(hidden >> k & 1ul)) {
-                uint x = left + members[k] % BLOCK, y = first_row + top + members[k] / BLOCK;
+                uint x = left + members[k] % BLOCK, y = top + members[k] / BLOCK;
                 records[y * camera.width + x].normal |= SUN_VISIBLE;
             }
     }

@@ -9,16 +9,19 @@ static HitRecord look_through(const Scene *scene, const Camera *camera, uint x, 
     return hit;
 }
 
-// hits[y * width + x] for all pixels from row `first_row` on; a work-item takes one. Items go through blocks of 8
-// by 8, so that those which run in step see much the same.
-__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, uint first_row, uint rows, __global HitRecord *hits)
+// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes one. Items go through
+// blocks of 8 by 8, so that those which run in step see much the same.
+__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
+                           __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint across = (camera.width + BLOCK - 1u) / BLOCK;
-    uint item = (uint)get_global_id(0), block = item / (BLOCK * BLOCK), inside = item % (BLOCK * BLOCK);
-    uint x = block % across * BLOCK + inside % BLOCK, y = block / across * BLOCK + inside / BLOCK;
-    if (x < camera.width && y < rows)
-        hits[(first_row + y) * camera.width + x] = look_through(&scene, &camera, x, first_row + y);
+    uint item = (uint)get_global_id(0), inside = item % (BLOCK * BLOCK);
+    uint left, top;
+    if (!block_corner(&camera, tiles, first, count, item / (BLOCK * BLOCK), &left, &top))
+        return;
+    uint x = left + inside % BLOCK, y = top + inside / BLOCK;
+    if (x < camera.width && y < camera.height)
+        hits[y * camera.width + x] = look_through(&scene, &camera, x, y);
 }
 
 // hits[first + i] for samples first .. first + count; a work-item takes one.
@@ -31,23 +34,22 @@ __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint
         hits[first + i] = look_through(&scene, &camera, samples[first + i] & 0xffffu, samples[first + i] >> 16);
 }
 #else
-// hits[y * width + x] for all pixels from row `first_row` on; a work-item takes 8 by 8 of them.
-__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, uint first_row, uint rows, __global HitRecord *hits)
+// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes 8 by 8 of them.
+__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
+                           __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint across = (camera.width + BLOCK - 1u) / BLOCK;
-    uint item = (uint)get_global_id(0);
-    uint left = item % across * BLOCK, top = item / across * BLOCK;
-    if (top >= rows)
+    uint left, top;
+    if (!block_corner(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top))
         return;
     Block block;
-    set_block(&block, &camera, left, first_row + top);
+    set_block(&block, &camera, left, top);
     trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, camera.seed);
-    uint columns = min(camera.width - left, BLOCK), lines = min(rows - top, BLOCK);
+    uint columns = min(camera.width - left, BLOCK), lines = min(camera.height - top, BLOCK);
     for (uint y = 0; y < lines; ++y)
         for (uint x = 0; x < columns; ++x) {
             HitRecord hit = {((uint *)&block.triangle[y])[x], ((float *)&block.t_max[y])[x]};
-            hits[(first_row + top + y) * camera.width + left + x] = hit;
+            hits[(top + y) * camera.width + left + x] = hit;
         }
 }
 

@@ -1,8 +1,5 @@
 // What every pixel sees, as guided reconstruction needs it: normal, depth, colours, emission.
 
-// Pixels of a row that a work-item describes: neighbours often see one triangle, which is prepared once.
-#define RUN 16u
-
 static VisibilityRecord describe_background(const Scene *scene, const Shading *shading, float3 d)
 {
     VisibilityRecord record = {0u, 0.0f, 0u, pack_emission(background(scene, shading, d))};
@@ -41,19 +38,24 @@ static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, floa
     return record;
 }
 
-__kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, uint first, uint count,
-                              __global const HitRecord *hits, __global VisibilityRecord *records)
+// A work-item takes a row of a tile: neighbours often see one triangle, which is prepared once.
+__kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
+                              uint count, __global const HitRecord *hits, __global VisibilityRecord *records)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint begin = (uint)get_global_id(0) * RUN;
-    if (begin >= count)
+    uint item = (uint)get_global_id(0);
+    if (item >= count * TILE)
         return;
-    uint end = first + min(count, begin + RUN);
+    uint across = (camera.width + TILE - 1u) / TILE, tile = tiles[first + item / TILE];
+    uint left = tile % across * TILE, y = tile / across * TILE + item % TILE;
+    if (y >= camera.height)
+        return;
     Facet facet;
     uint prepared = NONE;
-    for (uint pixel = first + begin; pixel < end; ++pixel) {
+    for (uint x = left; x < min(left + TILE, camera.width); ++x) {
+        uint pixel = y * camera.width + x;
         HitRecord hit = hits[pixel];
-        float3 d = camera_ray(&camera, pixel % camera.width, pixel / camera.width);
+        float3 d = camera_ray(&camera, x, y);
         if (hit.triangle == NONE) {
             records[pixel] = describe_background(&scene, &shading, d);
             continue;

@@ -14,7 +14,7 @@ use crate::foveation::Law;
 use crate::gpu::opencl::Device;
 use crate::measure::picture::MAX_PIXELS;
 use crate::scene::sky::Sky;
-use crate::trace::Walk;
+use crate::trace;
 
 /// Everything that can be set. [`Config::default`] is the truth; `configs/default.toml` repeats it with
 /// comments, and a test compares the two.
@@ -37,6 +37,8 @@ pub struct Config {
     pub devices: DevicesConfig,
     /// The Rift DK1.
     pub dk1: Dk1Config,
+    /// What is done in a headset.
+    pub headset: HeadsetConfig,
 }
 
 /// The picture: size, camera, stereo, exposure.
@@ -161,11 +163,11 @@ pub enum WalkConfig {
 
 impl WalkConfig {
     /// The variant on a device.
-    pub fn on(self, device: &Device) -> Walk {
+    pub fn on(self, device: &Device) -> trace::Walk {
         match self {
-            WalkConfig::Auto => Walk::for_device(device),
-            WalkConfig::Together => Walk::Together,
-            WalkConfig::Alone => Walk::Alone,
+            WalkConfig::Auto => trace::Walk::for_device(device),
+            WalkConfig::Together => trace::Walk::Together,
+            WalkConfig::Alone => trace::Walk::Alone,
         }
     }
 }
@@ -222,13 +224,17 @@ pub struct EnvironmentConfig {
     pub turbidity: f32,
 }
 
-/// Which devices are used. Empty: the best one that works.
+/// Which devices are used.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DevicesConfig {
-    /// OpenCL device that traces: its number in `foveate devices`, or a part of its name.
+    /// OpenCL devices that trace, separated by commas: their numbers in `foveate devices`, their UUIDs, or
+    /// parts of their names. Empty: all that work.
     pub opencl: String,
-    /// Vulkan device that reconstructs: a part of its name.
+    /// Compute units of the parts that each processor among them is divided into; what is left over stays
+    /// free for other programs. Empty: it is used whole.
+    pub subdivide: Vec<u32>,
+    /// Vulkan device that reconstructs: a part of its name. Empty: the best.
     pub vulkan: String,
 }
 
@@ -238,11 +244,74 @@ pub struct DevicesConfig {
 pub struct Dk1Config {
     /// Pixels of the undistorted pictures for one of the panel's at the lenses' centres.
     pub resolution: f64,
+    /// The folder where what is learned of each tracker is kept; empty for the user's state folder.
+    pub memory: PathBuf,
 }
 
 impl Default for Dk1Config {
     fn default() -> Self {
-        Dk1Config { resolution: 1.0 }
+        Dk1Config { resolution: 1.0, memory: PathBuf::new() }
+    }
+}
+
+/// What is done in a headset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeadsetConfig {
+    /// Move pixels to where they are seen from the newest pose, by their depths, just before they are shown.
+    pub late_correction: bool,
+    /// Let the sharp region follow the eyes where a tracker tells where they look.
+    pub eye_tracking: bool,
+    /// Use a sharp inset for each eye where the headset has one.
+    pub insets: bool,
+    /// Pictures a second to ask the headset for; 0 for its own choice.
+    pub refresh_hz: f64,
+    /// How controllers move the wearer.
+    pub walk: Walk,
+    /// Metres per second of a smooth walk.
+    pub speed: f64,
+    /// How controllers turn the wearer.
+    pub turn: Turn,
+    /// Degrees of a snap turn, or per second of a smooth one.
+    pub turn_degrees: f64,
+}
+
+/// How controllers move the wearer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Walk {
+    /// To where the right hand points.
+    Teleport,
+    /// As the left stick is pushed.
+    Smooth,
+    /// Not at all.
+    Off,
+}
+
+/// How controllers turn the wearer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Turn {
+    /// By a fixed angle at each push of the right stick.
+    Snap,
+    /// As long as the right stick is pushed.
+    Smooth,
+    /// Not at all.
+    Off,
+}
+
+impl Default for HeadsetConfig {
+    fn default() -> Self {
+        HeadsetConfig {
+            late_correction: true,
+            eye_tracking: true,
+            insets: true,
+            refresh_hz: 0.0,
+            walk: Walk::Teleport,
+            speed: 2.0,
+            turn: Turn::Snap,
+            turn_degrees: 30.0,
+        }
     }
 }
 
@@ -476,7 +545,10 @@ impl Config {
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;
         range("environment.sun_azimuth", f64::from(environment.sun_azimuth), -360.0, 360.0)?;
         range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)?;
-        range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)
+        range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)?;
+        range("headset.refresh_hz", self.headset.refresh_hz, 0.0, 1000.0)?;
+        range("headset.speed", self.headset.speed, 0.0, 100.0)?;
+        range("headset.turn_degrees", self.headset.turn_degrees, 0.0, 360.0)
     }
 
     /// Memory for pixels is reserved before anything is traced, so absurd numbers are refused first.

@@ -2,17 +2,21 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use foveate::bvh::WideBvh;
 use foveate::config::{Config, Method, Samples, Stereo};
+use foveate::foveation::BitMask;
 use foveate::frame::stereo::parallel_eyes;
-use foveate::frame::{Loaded, Output, Plan, Renderer};
+use foveate::frame::{Loaded, Output, Plan, Renderer, Shot};
 use foveate::gpu::interop::{self, Sharing};
 use foveate::gpu::opencl::{Device, device};
-use foveate::gpu::vulkan::Context;
+use foveate::gpu::vulkan::{Context, Format, Image};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::measure::Picture;
 use foveate::measure::metric::{Viewing, compare};
+use foveate::reconstruct;
 use foveate::scene::generate::voxel_town;
 use glam::{DQuat, DVec2, DVec3};
 
@@ -204,4 +208,72 @@ fn copied_samples_give_the_same_picture_as_shared_ones() {
         assert!(shared == copied, "{method:?}: pictures differ");
     }
     assert_eq!(context.validation_messages(), Vec::<String>::new());
+}
+
+/// A view's picture, shown from another pose where one is given.
+fn shown(
+    renderer: &mut Renderer,
+    context: &Context,
+    view: View,
+    hidden: Option<Arc<BitMask>>,
+    from: Option<Pose>,
+) -> (Picture, usize) {
+    let image = Image::new(context, Format::R32G32B32A32_SFLOAT, view.width, view.height).unwrap();
+    let outputs = vec![reconstruct::Output::whole(image.target(), 0.0)];
+    let shot = Shot { view, gaze: view.optical_centre(), widening: 1.0, hidden, outputs };
+    let report = renderer.shoot(&[shot], 3, &mut |_| from).unwrap();
+    let pixels: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().unwrap());
+    let rgb = pixels.iter().map(|p| [p[0], p[1], p[2]]).collect();
+    (Picture::new(view.width, view.height, rgb).unwrap(), report.samples)
+}
+
+#[test]
+fn pictures_shown_from_elsewhere_are_what_is_seen_there() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let traced = view(&loaded);
+    let size = (traced.fov.right - traced.fov.left) / f64::from(WIDTH);
+    // How far a pose moves the eye and turns it, in pixels; the methods that must follow it.
+    for (turn, step, methods) in [
+        (12.0, 0.0, &[Method::Guided, Method::KNearest][..]),
+        (0.0, 1.5, &[Method::Guided]),
+        (-7.0, 1.0, &[Method::Guided]),
+    ] {
+        let motion = Pose::new(
+            DQuat::from_rotation_y(turn * size) * DQuat::from_rotation_x(turn * size * 0.5),
+            DVec3::new(step, -0.3 * step, -0.5 * step),
+        );
+        let there = View { world_from_eye: traced.world_from_eye.then(motion), ..traced };
+        for &method in methods {
+            let mut renderer = renderer(&machine, &loaded, &config(method, Samples::Full, 32));
+            let context = &machine.1;
+            let (truth, _) = shown(&mut renderer, context, there, None, None);
+            let (stale, _) = shown(&mut renderer, context, traced, None, None);
+            let (still, _) = shown(&mut renderer, context, traced, None, Some(traced.world_from_eye));
+            let (late, _) = shown(&mut renderer, context, traced, None, Some(there.world_from_eye));
+            assert!(psnr(&still, &stale) > 60.0, "a pose that is the same changes nothing");
+            let (without, with) = (psnr(&stale, &truth), psnr(&late, &truth));
+            let gain = if step == 0.0 { 3.0 } else { 2.0 };
+            assert!(with > without + gain, "{method:?} {turn} {step}: {with} dB, {without} without");
+        }
+    }
+    assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
+}
+
+#[test]
+fn hidden_pixels_get_no_samples() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let view = view(&loaded);
+    let hidden = Arc::new(BitMask::from_fn(WIDTH, HEIGHT, |x, _| x < WIDTH / 2));
+    let mut renderer = renderer(&machine, &loaded, &config(Method::Guided, Samples::Full, 8));
+    let (whole, all) = shown(&mut renderer, &machine.1, view, None, None);
+    let (half, left) = shown(&mut renderer, &machine.1, view, Some(hidden), None);
+    assert_eq!((all, left), (view.pixels(), view.pixels() / 2));
+    let seen = |picture: &Picture| {
+        let rows = picture.pixels.chunks(WIDTH as usize);
+        let right = rows.flat_map(|row| row[WIDTH as usize / 2 + 2..].to_vec()).collect();
+        Picture::new(WIDTH / 2 - 2, HEIGHT, right).unwrap()
+    };
+    assert!(psnr(&seen(&half), &seen(&whole)) > 25.0, "what is seen stays as it is");
 }

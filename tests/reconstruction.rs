@@ -51,7 +51,14 @@ fn render(
     buffer.write(0, &records);
     let image = Image::new(context, Format::R32G32B32A32_SFLOAT, view.width, view.height).unwrap();
     let outputs = [Output::whole(image.target(), 0.0)];
-    let frame = Frame { view, samples: (&buffer).into(), visibility: None, sun: None, outputs: &outputs };
+    let frame = Frame {
+        view,
+        samples: (&buffer).into(),
+        visibility: None,
+        sun: None,
+        shown_from: None,
+        outputs: &outputs,
+    };
     reconstruction.submit(0, &frame).unwrap();
     reconstruction.wait(0).unwrap();
     assert_eq!(context.validation_messages(), Vec::<String>::new());

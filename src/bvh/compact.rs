@@ -2,17 +2,15 @@
 
 use rayon::prelude::*;
 
-use super::wide::{EMPTY, LEAF, WideBvh, leaf_range};
+use super::wide::{EMPTY, LEAF, leaf_range};
 use crate::layout::{CompactNode, WideNode};
 
 /// What stands for a node in [`CompactNode::kinds`].
 const INNER: u8 = 9;
 
-impl WideBvh {
-    /// Every node in its compact form, at its own index. Boxes hold those of the wide nodes.
-    pub fn compact(&self) -> Vec<CompactNode> {
-        self.nodes.par_iter().map(compact).collect()
-    }
+/// Every node in its compact form, at its own index. Boxes hold those of the wide nodes.
+pub fn compact_nodes(nodes: &[WideNode]) -> Vec<CompactNode> {
+    nodes.par_iter().map(compact).collect()
 }
 
 /// Builders number the nodes and the triangles below one node one after the other, in the order of its children.
@@ -71,6 +69,7 @@ fn words(bytes: [u8; 8]) -> [u32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::WideBvh;
     use glam::Vec3;
 
     fn bytes(words: [u32; 2]) -> [u8; 8] {
@@ -80,7 +79,7 @@ mod tests {
 
     /// Every child is where the wide node says, in a box around its own that is hardly larger.
     fn check(tree: &WideBvh) {
-        for (index, (wide, compact)) in tree.nodes.iter().zip(tree.compact()).enumerate() {
+        for (index, (wide, compact)) in tree.nodes.iter().zip(compact_nodes(&tree.nodes)).enumerate() {
             let (mut node, mut triangle) = (compact.first_node, compact.first_triangle);
             for (slot, kind) in bytes(compact.kinds).into_iter().enumerate() {
                 let child = match kind {

@@ -6,7 +6,7 @@
 pub mod binary;
 mod build;
 pub mod cache;
-mod compact;
+pub mod compact;
 mod improve;
 pub mod wide;
 

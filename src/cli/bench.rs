@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::machine::choose;
+use super::machine;
 use super::options::{RenderOptions, eye_fov};
 use super::output;
 use crate::bvh::WideBvh;
@@ -141,14 +141,10 @@ pub fn run(args: &Args) -> Result<()> {
     if args.options.config.json { output::print_json(&report) } else { output::print_line(&report.text()) }
 }
 
-/// The device that was asked for, or every usable one.
+/// The devices that were asked for, or every usable one.
 fn open(config: &Config) -> Result<Vec<Device>> {
     let infos = device::list();
-    let chosen = choose(&infos, &config.devices.opencl, &[0; 16])?;
-    if !config.devices.opencl.is_empty() {
-        return Ok(vec![Device::open(&infos[chosen])?]);
-    }
-    infos.iter().filter(|info| info.unusable.is_none()).map(Device::open).collect()
+    machine::open(&infos, &config.devices, &[0; 16])
 }
 
 fn view(args: &Args, config: &Config, loaded: &Loaded) -> Result<View> {
@@ -233,7 +229,7 @@ impl Bench {
                 probe.walk(),
                 cold,
             )?,
-            device_bytes: probe.scene().bytes().iter().map(|b| b.bytes).sum(),
+            device_bytes: probe.bytes().iter().map(|b| b.bytes).sum(),
             rays: rates.summary().into_iter().map(|(kind, rate)| Row { kind, rate }).collect(),
         })
     }

@@ -1,4 +1,4 @@
-//! `foveate demo`: the demo scene in the best headset there is.
+//! `foveate demo`: the demo scene in the best headset there is: OpenXR's, or a mock one.
 
 use std::path::{Path, PathBuf};
 
@@ -6,11 +6,13 @@ use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
 use super::options::ConfigOptions;
 use super::output;
+use super::run::{Presentation, stop_signal};
 use super::window::Show;
 use crate::config::{Config, Layers, Samples};
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
+use crate::headset::openxr::Runtime;
 use crate::scene::{default_viewpoint, generate};
 
 /// Arguments of `foveate demo`.
@@ -75,6 +77,9 @@ pub fn run(args: &Args) -> Result<()> {
         return Err(Error::setting("--frames", "it counts frames of a window; give --window too"));
     }
     check_out(&args.out)?;
+    if let Ok(runtime) = Runtime::connect(config.headset.insets) {
+        return in_headset(args, &config, runtime);
+    }
     let (machine, loaded) =
         rayon::join(|| Machine::open(&config.devices), || load(args.scene.as_deref(), &config));
     let (machine, loaded) = (machine?, loaded?);
@@ -90,4 +95,23 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;
     session.run(frames, SCRIPT_SECONDS)?.print(args.options.json)
+}
+
+/// The same scene in a headset, until the wearer or the operator has seen enough.
+fn in_headset(args: &Args, config: &Config, runtime: Runtime) -> Result<()> {
+    let stop = stop_signal()?;
+    let loaded = load(args.scene.as_deref(), config)?;
+    output::print_warnings(&loaded.warnings);
+    let presentation = Presentation {
+        config,
+        loaded: &loaded,
+        rest: default_viewpoint(&loaded.scene, config.view.fov_y).world_from_eye,
+        gaze: None,
+        fov_y: None,
+        size: [None; 2],
+        frames: None,
+        quiet: args.options.json,
+        stop,
+    };
+    presentation.run(runtime)?.print(args.options.json)
 }

@@ -2,14 +2,21 @@
 
 use serde::Serialize;
 
-use super::machine::choose;
+use super::machine::{self, choose};
 use super::options::ConfigOptions;
 use super::output;
-use crate::config::Layers;
+use crate::config::{Config, Layers, Samples};
 use crate::error::Result;
+use crate::frame::{Loaded, Output, Plan, Renderer};
 use crate::gpu::interop;
 use crate::gpu::opencl::{Device, DeviceInfo, device};
 use crate::gpu::vulkan::{self, Context, ContextOptions};
+use crate::headset::openxr::Runtime;
+use crate::math::view::View;
+use crate::scene::{default_viewpoint, generate};
+use crate::trace::State;
+
+use super::options::eye_fov;
 
 /// Arguments of `foveate devices`.
 #[derive(Debug, clap::Args)]
@@ -23,6 +30,8 @@ struct Report {
     opencl: Vec<OpenClDevice>,
     vulkan: Vec<VulkanDevice>,
     sharing: Option<String>,
+    /// What each device that traces takes of a small frame; one device takes all.
+    shares: Vec<Share>,
     presenters: Vec<Presenter>,
     problems: Vec<String>,
 }
@@ -33,6 +42,16 @@ struct OpenClDevice {
     info: DeviceInfo,
     used: bool,
     reason: String,
+}
+
+/// A device's part of a small frame.
+#[derive(Serialize)]
+struct Share {
+    name: String,
+    /// Of the samples, 0..1.
+    share: f64,
+    /// Why it is left out.
+    left_out: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -48,7 +67,7 @@ struct VulkanDevice {
 struct Presenter {
     name: &'static str,
     used: bool,
-    reason: &'static str,
+    reason: String,
 }
 
 /// Runs the command.
@@ -65,10 +84,18 @@ pub fn run(args: &Args) -> Result<()> {
     let presenting = context.as_ref().map_or([0; 16], |c| c.report().uuid);
     let infos = device::list();
     let chosen = choose(&infos, &config.devices.opencl, &presenting);
-    let tracing = chosen.as_ref().ok().and_then(|&index| Device::open(&infos[index]).ok());
-    let sharing = match (&tracing, &context) {
+    let opened = machine::open(&infos, &config.devices, &presenting);
+    let tracing: &[Device] = opened.as_deref().unwrap_or_default();
+    let sharing = match (tracing.first(), &context) {
         (Some(device), Ok(context)) => Some(interop::probe(device, context).to_string()),
         _ => None,
+    };
+    let shares = match &context {
+        Ok(context) if tracing.len() > 1 => shares(tracing, context, &config),
+        _ => Ok(tracing
+            .iter()
+            .map(|d| Share { name: d.info().name.clone(), share: 1.0, left_out: None })
+            .collect()),
     };
     let used_uuid = context.as_ref().ok().map(|c| (c.report().uuid, c.report().name.clone()));
     let vulkan = match vulkan::devices() {
@@ -79,14 +106,18 @@ pub fn run(args: &Args) -> Result<()> {
         }
     };
     keep(context.map(drop));
-    let chosen_index = chosen.as_ref().ok().copied();
-    keep(chosen.map(drop));
+    let chosen = chosen.unwrap_or_default();
+    keep(opened.map(drop));
+    let shares = shares.unwrap_or_else(|error| {
+        keep(Err(error));
+        Vec::new()
+    });
     let opencl = infos
         .into_iter()
         .enumerate()
-        .map(|(index, info)| describe_opencl(info, chosen_index == Some(index)))
+        .map(|(index, info)| describe_opencl(info, chosen.contains(&index)))
         .collect();
-    let report = Report { opencl, vulkan, sharing, presenters: presenters(), problems };
+    let report = Report { opencl, vulkan, sharing, shares, presenters: presenters(), problems };
     if args.options.json { output::print_json(&report) } else { print(&report) }
 }
 
@@ -94,9 +125,42 @@ fn describe_opencl(info: DeviceInfo, used: bool) -> OpenClDevice {
     let reason = match (&info.unusable, used) {
         (Some(why), _) => why.clone(),
         (None, true) => "traces".to_string(),
-        (None, false) => "usable; choose it with --device".to_string(),
+        (None, false) => {
+            "usable, but not chosen, or there by another driver too; choose it with --devices".to_string()
+        }
     };
     OpenClDevice { info, used, reason }
+}
+
+/// Frames after which shares have settled, and their size.
+const FRAMES: u32 = 6;
+const SIZE: [u32; 2] = [320, 200];
+
+/// Renders small frames of the demo scene, and tells which part of them each device takes in the end.
+fn shares(devices: &[Device], context: &Context, config: &Config) -> Result<Vec<Share>> {
+    let mut config = config.clone();
+    config.foveation.samples = Samples::Count(16_000);
+    let loaded = Loaded::from_glb("the demo scene", &generate::demo::generate(), &config)?;
+    let (mut renderer, _) = Renderer::with_devices(devices, context, &loaded, &config, Output::Display)?;
+    let eye = default_viewpoint(&loaded.scene, config.view.fov_y);
+    let [width, height] = SIZE;
+    let fov = eye_fov(eye.fov_y, width, height);
+    let plan = Plan::mono(View { world_from_eye: eye.world_from_eye, fov, width, height });
+    let mut last = renderer.frame(&plan, &[], 0)?;
+    for seed in 1..FRAMES {
+        last = renderer.frame(&plan, &[], seed)?;
+    }
+    let fleet = renderer.fleet();
+    let share = |(index, name): (usize, &str)| Share {
+        name: name.to_string(),
+        share: last.devices.get(index).map_or(0.0, |d| d.samples as f64 / last.samples.max(1) as f64),
+        left_out: match fleet.state(index) {
+            State::Out(why) => Some(why.clone()),
+            State::Late => Some("it does not answer; see what its driver says".to_string()),
+            State::Opening | State::Ready => None,
+        },
+    };
+    Ok(fleet.names().enumerate().map(share).collect())
 }
 
 fn describe_vulkan(report: vulkan::DeviceReport, used: Option<&([u8; 16], String)>) -> VulkanDevice {
@@ -115,10 +179,17 @@ fn describe_vulkan(report: vulkan::DeviceReport, used: Option<&([u8; 16], String
     }
 }
 
+/// OpenXR's headset where one answers, else the mock one.
 fn presenters() -> Vec<Presenter> {
+    let runtime = Runtime::connect(true);
+    let used = runtime.is_ok();
+    let reason = match runtime {
+        Ok(runtime) => format!("{} has a headset", runtime.name()),
+        Err(fault) => fault.into_error().to_string(),
+    };
     vec![
-        Presenter { name: "mock headset", used: true, reason: "writes pictures; always there" },
-        Presenter { name: "OpenXR", used: false, reason: "this version does not present there yet" },
+        Presenter { name: "OpenXR", used, reason },
+        Presenter { name: "mock headset", used: !used, reason: "writes pictures; always there".to_string() },
     ]
 }
 
@@ -141,13 +212,20 @@ fn print(report: &Report) -> Result<()> {
             d.reason
         ));
     }
+    if report.shares.len() > 1 {
+        lines.push("Shares of a small frame".to_string());
+    }
+    for share in report.shares.iter().filter(|_| report.shares.len() > 1) {
+        let why = share.left_out.as_ref().map_or(String::new(), |why| format!("  left out: {why}"));
+        lines.push(format!("{:5.1} % {}{why}", 100.0 * share.share, share.name));
+    }
     lines.push("Vulkan (reconstructs)".to_string());
     lines.extend(none(report.vulkan.len()));
     for d in &report.vulkan {
         lines.push(format!("{}    {} [{}, {}]: {}", mark(d.used), d.name, d.kind, d.api_version, d.reason));
     }
     if let Some(sharing) = &report.sharing {
-        lines.push(format!("Samples go from one to the other {sharing}."));
+        lines.push(format!("Samples go from the first to the other {sharing}."));
     }
     lines.push("Presenters".to_string());
     lines.extend(report.presenters.iter().map(|p| format!("{}    {}: {}", mark(p.used), p.name, p.reason)));

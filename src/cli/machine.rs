@@ -2,19 +2,22 @@
 
 use crate::config::DevicesConfig;
 use crate::error::{Error, Result};
+use crate::frame::{Loaded, Output, Renderer, Step};
 use crate::gpu::opencl::{Device, DeviceInfo, device};
 use crate::gpu::vulkan::{Context, ContextOptions};
 
 /// The devices that a frame needs.
 pub struct Machine {
-    /// Traces.
+    /// The first of those that trace.
     pub device: Device,
+    /// All that trace.
+    pub devices: Vec<Device>,
     /// Reconstructs.
     pub context: Context,
 }
 
 impl Machine {
-    /// Opens both.
+    /// Opens them.
     ///
     /// # Errors
     /// [`Error::NoDevice`] where one is missing, with the next step.
@@ -28,44 +31,107 @@ impl Machine {
     /// As [`Machine::open`].
     pub fn open_with(config: &DevicesConfig, options: ContextOptions) -> Result<Machine> {
         let wanted = (!config.vulkan.is_empty()).then(|| config.vulkan.clone());
-        let context = Context::new(&ContextOptions { device: wanted, ..options })?;
-        let devices = device::list();
-        let chosen = choose(&devices, &config.opencl, &context.report().uuid)?;
-        Ok(Machine { device: Device::open(&devices[chosen])?, context })
+        Self::presenting(Context::new(&ContextOptions { device: wanted, ..options })?, config)
+    }
+
+    /// Opens the devices that trace for one that presents.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] where there is none, with the next step.
+    pub fn presenting(context: Context, config: &DevicesConfig) -> Result<Machine> {
+        let devices = open(&device::list(), config, &context.report().uuid)?;
+        Ok(Machine { device: devices[0].clone(), devices, context })
+    }
+
+    /// A renderer that uses all of them; tells what each step took.
+    ///
+    /// # Errors
+    /// Where no device can be used.
+    pub fn renderer(
+        &self,
+        loaded: &Loaded,
+        config: &crate::config::Config,
+        output: Output,
+    ) -> Result<(Renderer, Vec<Step>)> {
+        Renderer::with_devices(&self.devices, &self.context, loaded, config, output)
     }
 
     /// One line: what traces and what reconstructs.
     pub fn describe(&self) -> String {
-        format!("{} (OpenCL), {} (Vulkan)", self.device.info().name, self.context.report().name)
+        let names: Vec<&str> = self.devices.iter().map(|d| d.info().name.as_str()).collect();
+        format!("{} (OpenCL), {} (Vulkan)", names.join(" and "), self.context.report().name)
     }
 }
 
-/// The index of the OpenCL device to trace with: the one asked for, else the best usable one. The
-/// device that presents is preferred among equals, since its memory can be shared.
-pub fn choose(devices: &[DeviceInfo], wanted: &str, presenting: &[u8; 16]) -> Result<usize> {
+/// Opens the OpenCL devices that are to trace, divided as the settings say; at least one.
+///
+/// # Errors
+/// [`Error::NoDevice`] where there is none, [`Error::Device`] where one that was asked for refuses.
+pub fn open(all: &[DeviceInfo], config: &DevicesConfig, presenting: &[u8; 16]) -> Result<Vec<Device>> {
+    let mut infos = Vec::new();
+    for index in choose(all, &config.opencl, presenting)? {
+        match all[index].kind {
+            "cpu" if !config.subdivide.is_empty() => {
+                infos.extend(device::subdivide(&all[index], &config.subdivide)?);
+            }
+            _ => infos.push(all[index].clone()),
+        }
+    }
+    // One that refuses is an error where it was asked for, and no loss where others are.
+    let opened: Vec<Result<Device>> = infos.iter().map(Device::open).collect();
+    if !config.opencl.is_empty() || opened.iter().all(Result::is_err) {
+        return opened.into_iter().collect();
+    }
+    Ok(opened.into_iter().flatten().collect())
+}
+
+/// The OpenCL devices to trace with, by their indices: those asked for, else all usable ones, each once where
+/// two drivers offer it. The best one is first; among equals it is the device that presents, since its
+/// memory can be shared.
+pub fn choose(devices: &[DeviceInfo], wanted: &str, presenting: &[u8; 16]) -> Result<Vec<usize>> {
     let missing = |problem: String| Err(Error::NoDevice { kind: "OpenCL", problem });
     if devices.is_empty() {
         return missing(
             "no OpenCL driver is installed; install your GPU's, or PoCL (pocl-opencl-icd) to trace on the CPU".into(),
         );
     }
-    if !wanted.is_empty() {
-        let lower = wanted.to_lowercase();
-        let by_number = wanted.parse().ok().filter(|&index: &usize| index < devices.len());
-        let by_name = || devices.iter().position(|d| d.name.to_lowercase().contains(&lower));
-        return match by_number.or_else(by_name) {
-            Some(index) => Ok(index),
-            None => missing(format!("none is called {wanted:?}; `foveate devices` lists them")),
-        };
-    }
     let presenting: String = presenting.iter().map(|byte| format!("{byte:02x}")).collect();
-    let rank = |d: &DeviceInfo| {
+    let rank = |&index: &usize| {
+        let d = &devices[index];
         let kind = ["gpu", "cpu", "accelerator"].iter().position(|k| *k == d.kind);
         (kind, d.uuid.as_deref() != Some(&presenting), std::cmp::Reverse(d.compute_units))
     };
-    let usable = devices.iter().enumerate().filter(|(_, d)| d.unusable.is_none());
-    match usable.min_by_key(|(_, d)| rank(d)) {
-        Some((index, _)) => Ok(index),
-        None => missing("none of those installed can be used; `foveate devices` tells why".into()),
+    let mut chosen: Vec<usize> = Vec::new();
+    if wanted.trim().is_empty() {
+        chosen.extend((0..devices.len()).filter(|&index| devices[index].unusable.is_none()));
+        chosen.sort_by_key(rank);
+        let mut seen = std::collections::BTreeSet::new();
+        chosen.retain(|&index| devices[index].uuid.as_ref().is_none_or(|uuid| seen.insert(uuid.clone())));
+        if chosen.is_empty() {
+            return missing("none of those installed can be used; `foveate devices` tells why".into());
+        }
+        return Ok(chosen);
     }
+    for name in wanted.split(',').map(str::trim).filter(|name| !name.is_empty()) {
+        match find(devices, name) {
+            Some(index) if !chosen.contains(&index) => chosen.push(index),
+            Some(_) => {}
+            None => return missing(format!("none is called {name:?}; `foveate devices` lists them")),
+        }
+    }
+    if chosen.is_empty() {
+        return missing(format!("{wanted:?} names none; `foveate devices` lists them"));
+    }
+    chosen.sort_by_key(rank);
+    Ok(chosen)
+}
+
+/// A device by its number, its UUID or a part of its name.
+fn find(devices: &[DeviceInfo], name: &str) -> Option<usize> {
+    let lower = name.to_lowercase();
+    let plain: String = lower.chars().filter(|c| *c != '-').collect();
+    let by_number = name.parse().ok().filter(|&index: &usize| index < devices.len());
+    let by_uuid = || devices.iter().position(|d| d.uuid.as_deref() == Some(&plain));
+    let by_name = || devices.iter().position(|d| d.name.to_lowercase().contains(&lower));
+    by_number.or_else(by_uuid).or_else(by_name)
 }

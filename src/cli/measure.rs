@@ -7,7 +7,7 @@ use super::options::RenderOptions;
 use super::{output, render};
 use crate::config::{Layers, Stereo};
 use crate::error::Result;
-use crate::frame::{Output, Renderer};
+use crate::frame::Output;
 use crate::headset::mock::Script;
 use crate::math::pose::Pose;
 use crate::math::view::View;
@@ -63,8 +63,7 @@ pub fn run(args: &Args) -> Result<()> {
         let eyes = profile.views(head);
         if config.view.stereo == Stereo::Mono { vec![eyes[0]] } else { eyes.to_vec() }
     };
-    let (mut renderer, _) =
-        Renderer::new(&machine.device, &machine.context, &loaded, &config, Output::Radiance)?;
+    let (mut renderer, _) = machine.renderer(&loaded, &config, Output::Radiance)?;
     let subject = Subject {
         scene: args.scene.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         loaded: &loaded,

@@ -12,7 +12,7 @@ use super::render;
 use crate::config::{Config, Layers, Stereo, ViewConfig};
 use crate::error::{Error, Result};
 use crate::frame::log::{FrameLog, FrameRecord};
-use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
+use crate::frame::{FrameReport, Loaded, Output, Plan, Step};
 use crate::headset::mock::{PictureSink, Profile, Script};
 use crate::math::pose::Pose;
 use crate::whole_file;
@@ -134,13 +134,7 @@ impl Session<'_> {
     /// Where a device fails or a file cannot be written.
     pub fn run(&self, frames: impl Fn(f64) -> u32, seconds: f64) -> Result<Summary> {
         let profile = &self.profile;
-        let (mut renderer, steps) = Renderer::new(
-            &self.machine.device,
-            &self.machine.context,
-            self.loaded,
-            self.config,
-            Output::Display,
-        )?;
+        let (mut renderer, steps) = self.machine.renderer(self.loaded, self.config, Output::Display)?;
         let reach = reach(self.loaded);
         let script = |seconds| Script::demo(self.rest, seconds).with_reach(reach);
 
@@ -148,6 +142,7 @@ impl Session<'_> {
         let first_plan = self.plan(profile, script(seconds).head_at(0.0))?;
         renderer.frame(&first_plan, &[], self.config.trace.seed)?;
         let warm = renderer.frame(&first_plan, &[], self.config.trace.seed)?;
+        output::print_warnings(&renderer.take_notes());
         let count = frames(warm.frame_ms).max(1);
 
         // Nothing of an earlier run is replaced before this one has shown that it works.
@@ -162,6 +157,7 @@ impl Session<'_> {
             let plan = self.plan(profile, head)?;
             let seed = self.config.trace.seed.wrapping_add(frame);
             let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
+            output::print_warnings(&renderer.take_notes());
             sink.push(frame as usize, plan.width, plan.height, renderer.picture()?)?;
             log.push(&record(frame, time, &plan, &report, gaze, head))?;
             reports.push(report);
@@ -200,6 +196,7 @@ fn record(frame: u32, time: f64, plan: &Plan, report: &FrameReport, gaze: DVec2,
         share_ms: report.stages.share,
         reconstruct_ms: report.stages.reconstruct,
         frame_ms: report.frame_ms,
+        devices: report.devices.clone(),
         gaze,
         head_position: head.position,
         head_orientation: head.rotation,

@@ -9,6 +9,7 @@ mod mock;
 mod options;
 mod output;
 mod render;
+mod run;
 mod scene;
 pub mod tracker;
 mod window;
@@ -31,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   foveate demo --headset dk1                         the same on a Rift DK1
   foveate render scene.glb --out picture.png         one foveated picture
   foveate render scene.glb --out all.exr --samples full --rays 256
+  foveate run scene.glb                              in a headset, through OpenXR
   foveate mock scene.glb --frames 60 --out frames/   a mock headset that follows a script
   foveate measure scene.glb --out trade --quick      what speed costs in accuracy, as a report
   foveate devices                                    what this machine offers, and what is used
@@ -42,6 +44,8 @@ and flags win over both.";
 enum Command {
     /// Render one picture of a scene: .png for a display, .exr for linear radiance.
     Render(render::Args),
+    /// Show a scene in the headset of the active OpenXR runtime, such as SteamVR or Monado.
+    Run(run::Args),
     /// Render a mock headset's frames along a scripted head and gaze path.
     Mock(mock::Args),
     /// Measure what speed costs in accuracy on this scene and these devices, and write a report.
@@ -66,6 +70,7 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Render(args) => render::run(&args),
+            Command::Run(args) => run::run(&args),
             Command::Mock(args) => mock::run(&args),
             Command::Measure(args) => measure::run(&args),
             Command::Demo(args) => demo::run(&args),

@@ -13,13 +13,24 @@ use crate::scene::viewpoint::default_viewpoint;
 
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct ConfigOptions {
+pub struct Overrides {
     /// Settings from a TOML file like configs/default.toml.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// One setting, such as trace.rays=16. May be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// OpenCL devices that trace, separated by commas: numbers in `foveate devices`, UUIDs, or parts of names;
+    /// all that work by default.
+    #[arg(long, visible_alias = "device", value_name = "NAME,...")]
+    devices: Option<String>,
+}
+
+/// Settings from files and `--set`, and how results are printed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfigOptions {
+    #[command(flatten)]
+    overrides: Overrides,
     /// Print one JSON object on standard output instead of text.
     #[arg(long)]
     pub json: bool,
@@ -27,9 +38,19 @@ pub struct ConfigOptions {
 
 impl ConfigOptions {
     /// The defaults under files under assignments.
+    pub fn layers(&self, layers: Layers) -> Result<Layers> {
+        self.overrides.layers(layers)
+    }
+}
+
+impl Overrides {
+    /// The defaults under files under assignments.
     pub fn layers(&self, mut layers: Layers) -> Result<Layers> {
         self.config.iter().try_for_each(|path| layers.file(path))?;
         self.set.iter().try_for_each(|assignment| layers.assign(assignment))?;
+        if let Some(devices) = &self.devices {
+            layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
+        }
         Ok(layers)
     }
 }
@@ -88,9 +109,6 @@ pub struct RenderOptions {
     /// Seed of the random numbers: the same one gives the same picture on the same device.
     #[arg(long, help_heading = "Tracing")]
     seed: Option<u32>,
-    /// OpenCL device that traces: its number in `foveate devices`, or a part of its name.
-    #[arg(long, value_name = "NAME", help_heading = "Tracing")]
-    device: Option<String>,
 }
 
 impl RenderOptions {
@@ -135,7 +153,6 @@ impl RenderOptions {
             ("--rays", "trace.rays", whole(self.rays)),
             ("--bounces", "trace.bounces", whole(self.bounces)),
             ("--seed", "trace.seed", whole(self.seed)),
-            ("--device", "devices.opencl", text(&self.device)),
         ];
         Ok(flags.into_iter().filter_map(|(flag, key, value)| Some((flag, key, value?))).collect())
     }
@@ -153,6 +170,17 @@ impl RenderOptions {
             None => Pose::new(default.world_from_eye.rotation, eye),
         };
         Ok((pose, fov_y))
+    }
+
+    /// Pixels across and down where flags or settings give them.
+    pub fn given_size(&self) -> Result<[Option<u32>; 2]> {
+        let layers = self.config.layers(Layers::default())?;
+        let config = self.config()?;
+        let given = |flag: Option<u32>, key, value| (flag.is_some() || layers.gives(key)).then_some(value);
+        Ok([
+            given(self.width, "view.width", config.view.width),
+            given(self.height, "view.height", config.view.height),
+        ])
     }
 
     /// `--fov-y` in radians.

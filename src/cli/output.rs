@@ -50,8 +50,10 @@ pub struct RenderSummary {
     pub stage_ms: StageMs,
     /// Millions of rays a second, while tracing.
     pub mrays_per_second: f64,
-    /// The tracing device.
+    /// The first tracing device.
     pub device: String,
+    /// All of them, with their parts of the samples and their times, medians.
+    pub devices: Vec<DeviceSummary>,
     /// The reconstructing device.
     pub presenting_device: String,
     /// `zero-copy` or `staged`.
@@ -86,6 +88,7 @@ impl RenderSummary {
             stage_ms,
             mrays_per_second: if tracing_ms > 0.0 { rays / tracing_ms * 1e-3 } else { 0.0 },
             device: String::new(),
+            devices: device_summaries(frames),
             presenting_device: String::new(),
             sharing: String::new(),
             start_ms: serde_json::Map::new(),
@@ -97,11 +100,40 @@ impl RenderSummary {
         (self.width, self.height) = (plan.width, plan.height);
         self.pixels = plan.width as usize * plan.height as usize;
         self.device = machine.device.info().name.clone();
+        for (device, name) in self.devices.iter_mut().zip(renderer.fleet().names()) {
+            device.name = name.to_string();
+        }
         self.presenting_device = machine.context.report().name.clone();
         self.sharing = renderer.sharing().to_string();
         self.start_ms = steps.iter().map(|s| (s.name.replace(' ', "_"), s.ms.into())).collect();
         self
     }
+}
+
+/// What a tracing device did: medians of all frames.
+#[derive(Clone, Debug, Serialize)]
+pub struct DeviceSummary {
+    /// Its name.
+    pub name: String,
+    /// Its part of the samples, 0..1.
+    pub share: f64,
+    /// Its time for a frame, in milliseconds.
+    pub busy_ms: f64,
+}
+
+fn device_summaries(frames: &[FrameReport]) -> Vec<DeviceSummary> {
+    let count = frames.first().map_or(0, |f| f.devices.len());
+    let of = |device: usize| {
+        let median = |value: &dyn Fn(&FrameReport) -> f64| {
+            percentile(&frames.iter().map(value).collect::<Vec<_>>(), 50.0).unwrap_or(0.0)
+        };
+        DeviceSummary {
+            name: String::new(),
+            share: median(&|f| f.devices[device].samples as f64 / f.samples.max(1) as f64),
+            busy_ms: median(&|f| f.devices[device].busy_ms()),
+        }
+    };
+    (0..count).map(of).collect()
 }
 
 /// Prints one JSON object on standard output.

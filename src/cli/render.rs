@@ -59,7 +59,8 @@ pub fn run(args: &Args) -> Result<()> {
     let plan = plan(&args.options, &config, &loaded)?;
     let averaged = args.passes > 1;
     let output = if kind == FileKind::Exr || averaged { Output::Radiance } else { Output::Display };
-    let (mut renderer, steps) = Renderer::new(&machine.device, &machine.context, &loaded, &config, output)?;
+    let (mut renderer, steps) = machine.renderer(&loaded, &config, output)?;
+    output::print_warnings(&renderer.take_notes());
     let gaze = args.options.gaze().map(|gaze| plan.gaze_points(gaze)).unwrap_or_default();
 
     let mut frames = Vec::new();
@@ -93,13 +94,19 @@ pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded
 /// Loads a scene that has something to show.
 pub fn load(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
     let loaded = Loaded::from_file(scene, config)?;
-    if loaded.scene.mesh.triangles.is_empty() {
-        return Err(Error::Scene {
-            path: scene.to_path_buf(),
-            problem: "it has no triangles to show; check its export".into(),
-        });
-    }
+    require_triangles(scene, &loaded)?;
     Ok(loaded)
+}
+
+/// Refuses a scene without anything to show.
+pub fn require_triangles(scene: &std::path::Path, loaded: &Loaded) -> Result<()> {
+    if !loaded.scene.mesh.triangles.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Scene {
+        path: scene.to_path_buf(),
+        problem: "it has no triangles to show; check its export".into(),
+    })
 }
 
 fn file_kind(path: &std::path::Path) -> Result<FileKind> {

@@ -3,6 +3,8 @@
 mod line;
 mod view;
 
+use super::options::Overrides;
+use crate::config::{Dk1Config, Layers};
 use crate::error::{Error, Result};
 use crate::headset::rift_dk1::device::{Received, Status, Tracker};
 use crate::headset::rift_dk1::fusion::{Fusion, Keepsake};
@@ -37,9 +39,11 @@ pub struct Args {
     #[arg(long, value_name = "S", conflicts_with = "replay")]
     pub seconds: Option<f64>,
     /// Keep what is learned of each tracker in DIR
-    /// [default: $XDG_STATE_HOME/foveate or ~/.local/state/foveate; a replay keeps nothing]
+    /// [default: the setting dk1.memory; a replay keeps nothing]
     #[arg(long, value_name = "DIR")]
     pub memory: Option<PathBuf>,
+    #[command(flatten)]
+    overrides: Overrides,
     /// Start a replay from what is kept in FILE of the tracker
     #[arg(long, value_name = "FILE", requires = "replay")]
     pub calibration: Option<PathBuf>,
@@ -56,10 +60,11 @@ pub fn run(args: &Args) -> Result<()> {
             "it is not a positive number of seconds; give one, such as 10",
         ));
     }
+    let config = args.overrides.layers(Layers::default())?.finish()?;
     let mut out = BufWriter::new(std::io::stdout().lock());
     match &args.replay {
         Some(path) => replay(args, path, &mut out),
-        None => live(args, &mut out),
+        None => live(args, &config.dk1, &mut out),
     }
 }
 
@@ -119,14 +124,14 @@ fn read_keepsake(path: &Path) -> Result<Keepsake> {
 }
 
 /// Follows a tracker.
-fn live(args: &Args, out: &mut dyn Write) -> Result<()> {
+fn live(args: &Args, config: &Dk1Config, out: &mut dyn Write) -> Result<()> {
     let mut writer = args.record.as_deref().map(Writer::create).transpose()?;
     let (sender, received) = channel();
     let listener = Box::new(move |report: &Received| {
         // The other end is gone only when the command is ending.
         let _ = sender.send(*report);
     });
-    let memory = args.memory.clone().or_else(default_memory);
+    let memory = args.memory.clone().or_else(|| memory(config));
     let tracker = Tracker::start(memory, Some(listener))?;
     let begun = Instant::now();
     let end = args.seconds.map(|seconds| begun + Duration::from_secs_f64(seconds.min(1e9)));
@@ -202,8 +207,12 @@ fn written(result: std::io::Result<()>) -> Result<bool> {
     }
 }
 
-/// The user's folder for what programs learn.
-pub(super) fn default_memory() -> Option<PathBuf> {
+/// The folder where what is learned of trackers is kept: the setting's, or the user's folder for what
+/// programs learn.
+pub(super) fn memory(config: &Dk1Config) -> Option<PathBuf> {
+    if !config.memory.as_os_str().is_empty() {
+        return Some(config.memory.clone());
+    }
     let folder = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     folder("XDG_STATE_HOME")
         .or_else(|| folder("HOME").map(|home| home.join(".local/state")))

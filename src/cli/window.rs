@@ -13,7 +13,7 @@ use super::demo::{Headset, load};
 use super::machine::Machine;
 use super::mock::fitted;
 use super::output::{self, RenderSummary};
-use super::tracker::default_memory;
+use super::tracker::memory;
 use crate::config::{Config, Stereo};
 use crate::error::{Error, Result};
 use crate::frame::{FrameReport, Output, Plan, Renderer, Step};
@@ -71,7 +71,7 @@ impl Show<'_> {
             return Err(Error::setting("view.stereo", problem));
         }
         let stop = stop_on_signals()?;
-        let tracker = self.headset.map(|_| Tracker::start(default_memory(), None)).transpose()?;
+        let tracker = self.headset.map(|_| Tracker::start(memory(&self.config.dk1), None)).transpose()?;
         let panel = Panel::connect()?;
         let options = panel.vulkan_options()?;
         let (machine, loaded) = rayon::join(
@@ -84,8 +84,7 @@ impl Show<'_> {
             await_tracker(tracker, &stop);
         }
         let display = self.display(tracker.as_ref());
-        let (renderer, steps) =
-            Renderer::new(&machine.device, &machine.context, &loaded, self.config, Output::Display)?;
+        let (renderer, steps) = machine.renderer(&loaded, self.config, Output::Display)?;
         let rest = default_viewpoint(&loaded.scene, self.config.view.fov_y).world_from_eye;
         let mut session = Session::new(self.config, display, tracker, renderer, rest);
         // Drivers finish building kernels at their first launch: one frame that does not count.

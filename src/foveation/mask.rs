@@ -1,7 +1,7 @@
 //! Pixels that nobody sees.
 
 /// One bit for each pixel of an image; set where the headset hides the pixel.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BitMask {
     width: u32,
     height: u32,

@@ -6,9 +6,11 @@ pub mod lens;
 pub mod mask;
 mod order;
 pub mod pattern;
+pub mod workload;
 
 pub use gaze::{GazeFilter, GazePoint, GazeSample, GazeState, GazeTarget};
 pub use law::{Density, Law};
 pub use lens::Lens;
 pub use mask::BitMask;
 pub use pattern::Pattern;
+pub use workload::{ALIGNMENT, Part, Workload};

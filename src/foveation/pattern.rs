@@ -35,6 +35,8 @@ pub struct Pattern {
     /// Index of the first sample and number of samples of each tile of [`TILE`]² pixels; tile (tx, ty)
     /// is entry ty * tiles_x + tx.
     pub tiles: Vec<[u32; 2]>,
+    /// The tiles along the curve that the samples follow.
+    pub order: Vec<u32>,
 }
 
 /// The key of a pixel that gets no sample: above every other.
@@ -115,10 +117,12 @@ impl Pattern {
 
     /// Lists the pixels within the limit tile by tile.
     fn gather(view: &View, keys: &[u32], limit: Limit) -> Self {
-        let mut pattern = Pattern { width: view.width, height: view.height, samples: vec![], tiles: vec![] };
+        let mut pattern =
+            Pattern { width: view.width, height: view.height, samples: vec![], tiles: vec![], order: vec![] };
         let (tiles_x, tiles_y) = (pattern.tiles_x(), pattern.tiles_y());
-        let tiles = order::hilbert(tiles_x, tiles_y);
-        let parts: Vec<(Vec<u32>, Vec<u32>)> = tiles
+        pattern.order = order::hilbert(tiles_x, tiles_y);
+        let parts: Vec<(Vec<u32>, Vec<u32>)> = pattern
+            .order
             .par_chunks(64)
             .map(|tiles| {
                 let (mut samples, mut ends) = (vec![], vec![]);
@@ -129,9 +133,9 @@ impl Pattern {
                 (samples, ends)
             })
             .collect();
-        pattern.tiles = vec![[0, 0]; tiles.len()];
+        pattern.tiles = vec![[0, 0]; pattern.order.len()];
         pattern.samples.reserve_exact(parts.iter().map(|part| part.0.len()).sum());
-        for ((samples, ends), tiles) in parts.iter().zip(tiles.chunks(64)) {
+        for ((samples, ends), tiles) in parts.iter().zip(pattern.order.chunks(64)) {
             let base = pattern.samples.len() as u32;
             let starts = std::iter::once(0).chain(ends.iter().copied());
             for ((start, end), &tile) in starts.zip(ends).zip(tiles) {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::crew::DeviceShare;
 use crate::error::{Error, Result};
 
 /// One frame. Times in milliseconds unless named otherwise.
@@ -36,6 +37,8 @@ pub struct FrameRecord {
     pub reconstruct_ms: f64,
     /// The whole frame, from the pose to the picture.
     pub frame_ms: f64,
+    /// What each OpenCL device did, in the order of the run's own list of them.
+    pub devices: Vec<DeviceShare>,
     /// Where the eyes looked, in 0..1 of the image from the upper left corner.
     pub gaze: DVec2,
     /// The head in the world, in metres.
@@ -105,6 +108,7 @@ mod tests {
             share_ms: 0.5,
             reconstruct_ms: 1.0,
             frame_ms,
+            devices: vec![DeviceShare { samples: 55_000, trace_ms: 4.0, shade_ms: 6.0, copy_ms: 0.5 }],
             gaze: DVec2::new(0.25, 0.75),
             head_position: DVec3::new(1.0, 2.0, 3.0),
             head_orientation: DQuat::from_rotation_y(0.3),

@@ -1,11 +1,14 @@
 //! A frame, from poses to pixels.
 
+pub mod balance;
+pub mod crew;
 pub mod front;
 pub mod load;
 pub mod log;
 pub mod pipeline;
 pub mod stereo;
 
+pub use crew::{Crew, DeviceShare};
 pub use load::{Loaded, Step};
-pub use pipeline::{FrameReport, Output, Renderer, StageMs};
+pub use pipeline::{FrameReport, Output, Renderer, Shot, StageMs};
 pub use stereo::{Cut, Plan};

@@ -1,22 +1,24 @@
 //! A frame on one page: [`Renderer::frame`].
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec2;
 
+use super::crew::{Crew, DeviceShare};
 use super::load::{Loaded, Step, timed};
-use super::stereo::Plan;
+use super::stereo::{Cut, Plan};
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
-use crate::foveation::{Law, Lens, Pattern};
+use crate::foveation::{BitMask, Law, Lens, Pattern, Workload};
 use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image, Target};
-use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
-use crate::scene::{Features, Sun};
-use crate::trace::{self, TracePattern, Tracer};
+use crate::scene::Sun;
+use crate::trace::{self, Fleet, Job, Landing, SceneData};
 
 /// What the finished picture's numbers are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,18 +32,18 @@ pub enum Output {
 /// Milliseconds of each stage of a frame, summed over its views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StageMs {
-    /// Camera rays and, for guided reconstruction, what pixels see: device time.
+    /// Camera rays and, for guided reconstruction, what pixels see: device time of the slowest device.
     pub trace: f64,
-    /// Shading with all light rays: device time.
+    /// Shading with all light rays: device time of the slowest device.
     pub shade: f64,
-    /// Getting samples from OpenCL to Vulkan.
+    /// Getting samples from OpenCL to Vulkan, on the slowest device.
     pub share: f64,
     /// Samples to pixels: device time.
     pub reconstruct: f64,
 }
 
 /// What a frame did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct FrameReport {
     /// Shaded samples.
     pub samples: usize,
@@ -55,14 +57,15 @@ pub struct FrameReport {
     pub frame_ms: f64,
     /// Where it went.
     pub stages: StageMs,
+    /// What each OpenCL device did, in the order in which they were given.
+    pub devices: Vec<DeviceShare>,
 }
 
 /// Everything that is needed to turn poses into pictures.
 pub struct Renderer {
-    tracer: Tracer,
+    crew: Crew,
     reconstruction: Reconstruction,
     context: Context,
-    sharing: Sharing,
     law: Law,
     lenses: Vec<Lens>,
     samples: Samples,
@@ -77,14 +80,15 @@ pub struct Renderer {
 /// One traced view's pattern and the memory that its samples travel in.
 struct TracedView {
     key: PatternKey,
-    pattern: TracePattern,
-    count: usize,
-    samples: Shared<SampleRecord>,
-    visibility: Option<Shared<VisibilityRecord>>,
+    pattern: Arc<Pattern>,
+    workload: Arc<Workload>,
+    landing: Arc<Landing>,
+    /// How the results land there.
+    sharing: Sharing,
 }
 
 /// A pattern is made anew when one of these changes.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, PartialEq)]
 struct PatternKey {
     width: u32,
     height: u32,
@@ -92,6 +96,29 @@ struct PatternKey {
     gaze: DVec2,
     law: Law,
     samples: Samples,
+    hidden: Option<Arc<BitMask>>,
+}
+
+/// A view to trace, and where its pixels go.
+pub struct Shot<'a> {
+    /// The view.
+    pub view: View,
+    /// Where the eye looks, in 0..1 of the view; it may lie outside.
+    pub gaze: DVec2,
+    /// Factor for the width of the region of full density: see [`Law::widened`].
+    pub widening: f64,
+    /// Pixels that nobody sees: they get no samples. Of the view's size; not all are hidden.
+    pub hidden: Option<Arc<BitMask>>,
+    /// The parts of targets that show parts of the view.
+    pub outputs: Vec<reconstruct::Output<'a>>,
+}
+
+impl Shot<'_> {
+    fn key(&self, law: Law, samples: Samples) -> PatternKey {
+        let View { width, height, fov, .. } = self.view;
+        let law = law.widened(self.widening);
+        PatternKey { width, height, fov, gaze: self.gaze, law, samples, hidden: self.hidden.clone() }
+    }
 }
 
 impl Renderer {
@@ -106,10 +133,29 @@ impl Renderer {
         config: &Config,
         output: Output,
     ) -> Result<(Self, Vec<Step>)> {
-        let (sharing, probe_step) = timed("sharing probe", || Ok(interop::probe(device, context)))?;
-        let (renderer, mut steps) = Self::with_sharing(device, context, loaded, config, output, sharing)?;
-        steps.push(probe_step);
-        Ok((renderer, steps))
+        Self::with_devices(std::slice::from_ref(device), context, loaded, config, output)
+    }
+
+    /// The same with several devices that trace together, at least one. The first may share memory with the
+    /// one that presents; those that cannot be used are left out, and [`Renderer::take_notes`] tells why.
+    ///
+    /// # Errors
+    /// Where no device can be used.
+    pub fn with_devices(
+        devices: &[Device],
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+    ) -> Result<(Self, Vec<Step>)> {
+        let probe = || Ok(devices.first().map_or(Sharing::Staged, |device| interop::probe(device, context)));
+        let (sharing, probe_step) = timed("sharing probe", probe)?;
+        let (fleet, fleet_step) =
+            timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
+        let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
+        let crew = Crew::new(fleet, direct);
+        let (renderer, shaders_step) = Self::with_crew(crew, context, loaded, config, output)?;
+        Ok((renderer, vec![fleet_step, shaders_step, probe_step]))
     }
 
     /// Like [`Renderer::new`], with samples shared in a given way: [`Sharing::Staged`] works everywhere,
@@ -125,18 +171,29 @@ impl Renderer {
         output: Output,
         sharing: Sharing,
     ) -> Result<(Self, Vec<Step>)> {
-        let (tracer, tracer_step) = timed("kernels and upload", || {
-            let features = Features::required_by(&loaded.scene, &loaded.environment);
-            let walk = config.trace.walk.on(device);
-            Tracer::with_features(device, &loaded.scene, &loaded.bvh, &loaded.environment, &features, walk)
-        })?;
+        let direct = Some(device.clone()).filter(|_| sharing == Sharing::ZeroCopy);
+        let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
+        let made = Self::with_crew(Crew::new(fleet, direct), context, loaded, config, output)?;
+        Ok((made.0, vec![made.1]))
+    }
+
+    /// With devices that have the scene already.
+    ///
+    /// # Errors
+    /// Where the presenting device refuses.
+    pub fn with_crew(
+        crew: Crew,
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+    ) -> Result<(Self, Step)> {
         let (reconstruction, shaders_step) =
             timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
         let renderer = Renderer {
-            tracer,
+            crew,
             reconstruction,
             context: context.clone(),
-            sharing,
             law: config.foveation.law,
             lenses: Vec::new(),
             samples: config.foveation.samples,
@@ -147,7 +204,7 @@ impl Renderer {
             views: Vec::new(),
             image: None,
         };
-        Ok((renderer, vec![tracer_step, shaders_step]))
+        Ok((renderer, shaders_step))
     }
 
     /// Renders one frame into the renderer's picture. `gaze` has a point for each traced view, in 0..1
@@ -156,17 +213,48 @@ impl Renderer {
     /// # Errors
     /// Where a device fails.
     pub fn frame(&mut self, plan: &Plan, gaze: &[DVec2], seed: u32) -> Result<FrameReport> {
+        let target = self.prepare_image(plan)?;
+        let shot = |(index, (view, cuts)): (usize, &(View, Vec<Cut>))| Shot {
+            view: *view,
+            gaze: gaze.get(index).copied().unwrap_or_else(|| view.optical_centre()),
+            widening: 1.0,
+            hidden: None,
+            outputs: cuts
+                .iter()
+                .map(|cut| reconstruct::Output {
+                    rect: cut.rect,
+                    source: cut.source,
+                    ..reconstruct::Output::whole(&target, self.exposure)
+                })
+                .collect(),
+        };
+        let shots: Vec<Shot> = plan.views.iter().enumerate().map(shot).collect();
+        self.shoot(&shots, seed, &mut |_| None)
+    }
+
+    /// Renders one frame into targets made elsewhere, and waits until all pixels are written.
+    ///
+    /// `late` is asked, once a shot's samples are traced, where its eye will be when the picture is seen:
+    /// then pixels are moved to where they are seen from there. It is not asked for views that are too
+    /// large for that.
+    ///
+    /// # Errors
+    /// Where a device fails.
+    pub fn shoot(
+        &mut self,
+        shots: &[Shot],
+        seed: u32,
+        late: &mut dyn FnMut(usize) -> Option<Pose>,
+    ) -> Result<FrameReport> {
         let start = Instant::now();
         let mut report = FrameReport::default();
-        self.prepare_image(plan)?;
-        for (index, (view, cuts)) in plan.views.iter().enumerate() {
-            let gaze = gaze.get(index).copied().unwrap_or_else(|| view.optical_centre());
-            report.pattern_ms += self.prepare_view(index, view, gaze)?;
-            self.trace(index, view, seed, &mut report)?;
-            self.share(index, &mut report)?;
-            self.reconstruct(index, view, cuts)?;
+        for (index, shot) in shots.iter().enumerate() {
+            report.pattern_ms += self.prepare_view(index, shot)?;
+            self.trace(index, &shot.view, seed, &mut report)?;
+            let shown_from = if self.reconstruction.can_warp(index) { late(index) } else { None };
+            self.reconstruct(index, shot, shown_from)?;
         }
-        for index in 0..plan.views.len() {
+        for index in 0..shots.len() {
             let stages = self.reconstruction.wait(index)?;
             report.stages.reconstruct += stages.iter().map(|stage| stage.ms).sum::<f64>();
             report.dropped += self.reconstruction.dropped(index);
@@ -175,97 +263,87 @@ impl Renderer {
         Ok(report)
     }
 
+    /// Has all devices trace their parts of a view, and waits until the results are where Vulkan reads them.
     fn trace(&mut self, index: usize, view: &View, seed: u32, report: &mut FrameReport) -> Result<()> {
         let traced = &self.views[index];
-        let settings = trace::Settings { seed, ..self.settings };
-        let visibility = traced.visibility.as_ref().map(Shared::opencl);
-        let work =
-            self.tracer.enqueue(view, &settings, &traced.pattern, traced.samples.opencl(), visibility)?;
-        let done = self.tracer.finish(work)?;
-        report.samples += traced.count;
+        let job = Job {
+            index,
+            view: *view,
+            settings: trace::Settings { seed, ..self.settings },
+            pattern: traced.pattern.clone(),
+            workload: traced.workload.clone(),
+            landing: traced.landing.clone(),
+            direct: true,
+        };
+        let done = self.crew.trace(&Arc::new(job))?;
+        let slowest = done.slowest();
+        report.samples += traced.pattern.samples.len();
         report.rays += done.rays;
-        report.stages.trace += done.trace_ms;
-        report.stages.shade += done.shade_ms;
+        report.stages.trace += slowest.trace_ms;
+        report.stages.shade += slowest.shade_ms;
+        report.stages.share += slowest.copy_ms;
+        report.devices.resize(done.devices.len(), DeviceShare::default());
+        report.devices.iter_mut().zip(&done.devices).for_each(|(sum, share)| sum.add(share));
         Ok(())
     }
 
-    fn share(&self, index: usize, report: &mut FrameReport) -> Result<()> {
-        let start = Instant::now();
+    fn reconstruct(&mut self, index: usize, shot: &Shot, shown_from: Option<Pose>) -> Result<()> {
         let traced = &self.views[index];
-        traced.samples.publish(traced.count)?;
-        if let Some(visibility) = &traced.visibility {
-            visibility.publish(visibility.len())?;
-        }
-        report.stages.share += start.elapsed().as_secs_f64() * 1e3;
-        Ok(())
-    }
-
-    fn reconstruct(&mut self, index: usize, view: &View, cuts: &[super::stereo::Cut]) -> Result<()> {
-        let Some(image) = &self.image else { return Ok(()) };
-        let traced = &self.views[index];
-        let outputs: Vec<reconstruct::Output> = cuts
-            .iter()
-            .map(|cut| reconstruct::Output {
-                rect: cut.rect,
-                source: cut.source,
-                ..reconstruct::Output::whole(image.target(), self.exposure)
-            })
-            .collect();
         let frame = Frame {
-            view,
-            samples: traced.samples.vulkan(),
-            visibility: traced.visibility.as_ref().map(Shared::vulkan),
+            view: &shot.view,
+            samples: traced.landing.samples.vulkan(),
+            visibility: traced.landing.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
-            outputs: &outputs,
+            shown_from,
+            outputs: &shot.outputs,
         };
         self.reconstruction.submit(index, &frame)
     }
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
-    fn prepare_view(&mut self, index: usize, view: &View, gaze: DVec2) -> Result<f64> {
-        let key = PatternKey {
-            width: view.width,
-            height: view.height,
-            fov: view.fov,
-            gaze,
-            law: self.law,
-            samples: self.samples,
-        };
-        if self.views.get(index).is_some_and(|traced| traced.key == key) {
+    fn prepare_view(&mut self, index: usize, shot: &Shot) -> Result<f64> {
+        let key = shot.key(self.law, self.samples);
+        if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
             return Ok(0.0);
         }
         let start = Instant::now();
+        let view = &shot.view;
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            samples => (self.law, samples.of(view.pixels())),
+            samples => (key.law, samples.of(view.pixels())),
         };
-        let pattern = match self.lenses.get(index) {
-            Some(lens) => Pattern::through(view, &law, gaze, count, lens),
-            None => Pattern::new(view, &law, gaze, count),
+        let pattern = match (self.lenses.get(index), &shot.hidden) {
+            (Some(lens), _) => Pattern::through(view, &law, shot.gaze, count, lens),
+            (None, Some(hidden)) => Pattern::with_mask(view, &law, shot.gaze, count, hidden),
+            (None, None) => Pattern::new(view, &law, shot.gaze, count),
         };
-        self.take_pattern(index, key, &pattern)?;
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
+        self.take_pattern(index, key, pattern)?;
         self.reconstruction.wait_pattern(index)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
     /// Gives a view a new pattern, in the memory of the old one where that is large enough.
-    fn take_pattern(&mut self, index: usize, key: PatternKey, pattern: &Pattern) -> Result<()> {
+    fn take_pattern(&mut self, index: usize, key: PatternKey, pattern: Pattern) -> Result<()> {
         let count = pattern.samples.len();
-        let uploaded = self.tracer.pattern(pattern)?;
-        if let Some(old) = self.views.get_mut(index)
-            && old.samples.len() >= count
-            && (old.key.width, old.key.height) == (key.width, key.height)
-        {
-            (old.key, old.pattern, old.count) = (key, uploaded, count);
-            return Ok(());
-        }
-        let (device, context) = (self.tracer.device(), &self.context);
-        let pixels = key.width as usize * key.height as usize;
-        let visibility =
-            self.settings.guided.then(|| Shared::new(device, context, pixels, self.sharing)).transpose()?;
-        let samples = Shared::new(device, context, count, self.sharing)?;
-        let view = TracedView { key, pattern: uploaded, count, samples, visibility };
+        let (workload, sharing) = (Workload::new(&pattern, self.settings.guided), self.sharing());
+        let old = self.views.get(index).filter(|old| {
+            old.landing.samples.len() >= count
+                && (old.key.width, old.key.height) == (key.width, key.height)
+                && old.sharing == sharing
+        });
+        let landing = match old {
+            Some(old) => old.landing.clone(),
+            None => {
+                let (direct, context) = (self.crew.direct(), &self.context);
+                let pixels = key.width as usize * key.height as usize;
+                let shared = || Shared::new(direct, context, pixels);
+                let visibility = self.settings.guided.then(shared).transpose()?;
+                Arc::new(Landing { samples: Shared::new(direct, context, count)?, visibility })
+            }
+        };
+        let (pattern, workload) = (Arc::new(pattern), Arc::new(workload));
+        let view = TracedView { key, pattern, workload, landing, sharing };
         if index < self.views.len() {
             self.views[index] = view;
         } else {
@@ -274,17 +352,19 @@ impl Renderer {
         Ok(())
     }
 
-    fn prepare_image(&mut self, plan: &Plan) -> Result<()> {
+    /// The renderer's own picture, made anew where the plan's size has changed.
+    fn prepare_image(&mut self, plan: &Plan) -> Result<Target> {
         let fits =
-            |image: &Image| (image.target().width(), image.target().height()) == (plan.width, plan.height);
-        if !self.image.as_ref().is_some_and(fits) {
-            let format = match self.output {
-                Output::Display => Format::R8G8B8A8_UNORM,
-                Output::Radiance => Format::R32G32B32A32_SFLOAT,
-            };
-            self.image = Some(Image::new(&self.context, format, plan.width, plan.height)?);
+            |image: &&Image| (image.target().width(), image.target().height()) == (plan.width, plan.height);
+        if let Some(image) = self.image.as_ref().filter(fits) {
+            return Ok(image.target().clone());
         }
-        Ok(())
+        let format = match self.output {
+            Output::Display => Format::R8G8B8A8_UNORM,
+            Output::Radiance => Format::R32G32B32A32_SFLOAT,
+        };
+        let image = Image::new(&self.context, format, plan.width, plan.height)?;
+        Ok(self.image.insert(image).target().clone())
     }
 
     /// The last frame's picture: rows from the top, four bytes ([`Output::Display`]) or four floats
@@ -308,18 +388,32 @@ impl Renderer {
         Renderer { lenses, ..self }
     }
 
-    /// How samples get from OpenCL to Vulkan.
+    /// How samples get from the first OpenCL device to Vulkan; those of the others are copied.
     pub fn sharing(&self) -> Sharing {
-        self.sharing
+        if self.crew.direct().is_some() { Sharing::ZeroCopy } else { Sharing::Staged }
     }
 
-    /// The tracing device.
-    pub fn tracer(&self) -> &Tracer {
-        &self.tracer
+    /// The depth of each pixel of a view of the last frame along the view's axis, 0 for the sky: row after row;
+    /// empty where it was not guided.
+    pub fn depths(&self, view: usize) -> Vec<f32> {
+        let landing = self.views.get(view).map(|traced| &traced.landing);
+        let records = landing.and_then(|l| l.visibility.as_ref()).map(|v| v.sparse(v.len(), 1));
+        records.unwrap_or_default().iter().map(|record| record.depth).collect()
+    }
+
+    /// The tracing devices.
+    pub fn fleet(&self) -> &Fleet {
+        self.crew.fleet()
+    }
+
+    /// What the operator should know of devices that were left out, have failed or come back; each once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        self.crew.take_notes()
     }
 
     /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside
-    /// a new pattern, the reconstruction's with new shaders. Scene, environment and exposure stay.
+    /// a new pattern, the reconstruction's with new shaders. Scene, environment, exposure and the
+    /// kernels' variant stay.
     ///
     /// # Errors
     /// Where the reconstruction's settings cannot be used.
@@ -338,6 +432,13 @@ impl Renderer {
     pub fn set_jitter(&mut self, jitter: bool) {
         self.settings.jitter = jitter;
     }
+}
+
+/// Opens devices with a scene, each with the variant of the kernels that settings choose for it.
+fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
+    let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?);
+    let walking = |device: &Device| (device.clone(), config.trace.walk.on(device));
+    Fleet::of_devices(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
 }
 
 fn trace_settings(config: &Config) -> trace::Settings {

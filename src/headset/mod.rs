@@ -1,6 +1,8 @@
 //! What a frame is shown on, and where poses and gazes come from.
 
+pub mod locomotion;
 pub mod mock;
+pub mod openxr;
 pub mod panel;
 pub mod rift_dk1;
 pub mod walker;

@@ -17,6 +17,7 @@ mod shaders;
 mod tables;
 #[cfg(test)]
 mod tests;
+mod warp;
 
 use std::collections::HashMap;
 
@@ -31,9 +32,11 @@ use crate::gpu::vulkan::{
     StageTime, Target,
 };
 use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
 use tables::{Finders, Tables};
+use warp::Warp;
 
 /// Samples that one dispatch of a pass without neighbours takes.
 const SAMPLES_AT_ONCE: usize = 1 << 21;
@@ -57,6 +60,7 @@ struct ViewState {
     tables: Tables,
     commands: Commands,
     dropped: HostBuffer,
+    warp: HostBuffer,
 }
 
 /// What a frame's samples are made into.
@@ -69,6 +73,9 @@ pub struct Frame<'a> {
     pub visibility: Option<BufferRef>,
     /// The sun whose visibility the records hold: its light is added at each pixel (guided).
     pub sun: Option<Sun>,
+    /// Where the eye is when the picture is seen: pixels are moved to where it sees them, by their depths
+    /// (guided) or as if all were far away. `None` where that is where the view was traced from.
+    pub shown_from: Option<Pose>,
     /// Where the pixels go: rectangles of one target do not overlap.
     pub outputs: &'a [Output<'a>],
 }
@@ -185,6 +192,7 @@ impl Reconstruction {
                 tables: Tables::new(&self.context)?,
                 commands: Commands::new(&self.context)?,
                 dropped: HostBuffer::new(&self.context, 4)?,
+                warp: HostBuffer::new(&self.context, size_of::<Warp>())?,
             });
         }
         let state = &mut self.views[view];
@@ -208,7 +216,8 @@ impl Reconstruction {
     /// be built for a target's format.
     ///
     /// # Panics
-    /// If the view has no pattern, sizes disagree, or a rectangle reaches beyond target or view.
+    /// If the view has no pattern, sizes disagree, a rectangle reaches beyond target or view, or the
+    /// frame is to be shown from elsewhere and [`Reconstruction::can_warp`] says no.
     pub fn submit(&mut self, view: usize, frame: &Frame<'_>) -> Result<()> {
         for output in frame.outputs {
             self.require_pass(output.target.format())?;
@@ -218,8 +227,11 @@ impl Reconstruction {
         assert_eq!((frame.view.width, frame.view.height), (tables.width, tables.height), "size of the view");
         let bytes = tables.count * size_of::<SampleRecord>();
         assert!(frame.samples.size() >= bytes, "one record for each of {} samples", tables.count);
+        assert!(frame.shown_from.is_none() || tables.bands().len() == 1, "the view is too large to warp");
         let commands = &mut state.commands;
         commands.begin()?;
+        state.warp.write(0, &[Warp::new(frame.view, frame.shown_from)]);
+        let warp = BufferRef::from(&state.warp);
         let samples = tables.staged(&self.context, commands, &frame.samples, bytes)?;
         let dropped = BufferRef::from(&state.dropped);
         commands.fill_zero(&dropped);
@@ -231,10 +243,16 @@ impl Reconstruction {
         commands.end_stage("filter");
         for output in frame.outputs {
             let pass = &self.passes[&output.target.format()];
-            draw(commands, pass, tables, &self.settings, frame, output, (rays, pixel_width))?;
+            draw(commands, pass, tables, &self.settings, frame, output, (rays, pixel_width), &warp)?;
         }
         commands.end_stage("reconstruct");
         commands.submit()
+    }
+
+    /// Whether a view's frames can be shown from elsewhere: not where its tables are too large for one
+    /// binding, since a pixel may then see what lies in another one.
+    pub fn can_warp(&self, view: usize) -> bool {
+        self.views.get(view).is_some_and(|state| state.tables.bands().len() == 1)
     }
 
     fn require_pass(&mut self, format: Format) -> Result<()> {
@@ -336,6 +354,7 @@ fn draw(
     frame: &Frame<'_>,
     output: &Output<'_>,
     (rays, pixel_width): (Rays, f32),
+    warp: &BufferRef,
 ) -> Result<()> {
     let Rect { x, y, width, height } = output.rect;
     let [source_x, source_y] = output.source;
@@ -385,6 +404,7 @@ fn draw(
             Some(&positions),
             visibility.as_ref(),
             Some(tables.nearest().unwrap_or(&positions)),
+            Some(warp),
         ];
         let rect = Rect { x, y: y + first - source_y, width, height: end - first };
         commands.draw(pass, output.target, rect, &buffers, bytemuck::bytes_of(&parameters))?;

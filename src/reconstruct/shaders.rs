@@ -20,7 +20,7 @@ pub const FILTER: Shader = Shader {
 pub const RECONSTRUCT: Shader = Shader {
     name: "reconstruct.wgsl",
     words: spirv!("reconstruct"),
-    buffers: 6,
+    buffers: 7,
     push: size_of::<PixelParameters>() as u32,
 };
 

@@ -75,6 +75,7 @@ impl Bench {
             samples: (&samples).into(),
             visibility: Some((&visibility).into()),
             sun: None,
+            shown_from: None,
             outputs,
         };
         self.reconstruction.submit(0, &frame).unwrap();
@@ -427,6 +428,7 @@ fn guided_reconstruction_asks_for_visibility() {
         samples: (&samples).into(),
         visibility: None,
         sun: None,
+        shown_from: None,
         outputs: &outputs,
     };
     let error = bench.reconstruction.submit(0, &frame).unwrap_err();

@@ -11,6 +11,7 @@ pub mod gltf;
 pub mod importance;
 pub mod info;
 pub mod material;
+pub mod pick;
 pub mod sky;
 pub mod texture;
 pub mod viewpoint;

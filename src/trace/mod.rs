@@ -1,13 +1,18 @@
-//! What one OpenCL device does with its share of a frame: camera rays, what pixels see, the shading
-//! of samples.
+//! Tracing: what one OpenCL device does with its share of a frame — camera rays, what pixels see, the shading
+//! of samples — and several devices that do theirs at the same time.
 
+mod fleet;
+mod hand;
 pub mod probe;
 mod scene_buffers;
+mod self_test;
 mod source;
 mod tracer;
 mod walk;
 pub mod warm;
 
-pub use scene_buffers::{BufferBytes, SceneBuffers};
+pub use fleet::{Fleet, Opener, Round, State};
+pub use hand::{DeviceHand, Done, Hand, Job, Landing};
+pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer};
 pub use walk::Walk;

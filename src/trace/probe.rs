@@ -11,10 +11,9 @@ use crate::layout::{self, HitRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Material, Scene};
 
-use super::SceneBuffers;
-use super::Walk;
 use super::source;
-use super::tracer::{self, BLOCK, Settings};
+use super::tracer::{self, BLOCKS_PER_TILE, Settings};
+use super::{BufferBytes, SceneBuffers, SceneData, Walk};
 
 /// Rays of a bundle, which leave one point.
 pub const BUNDLE: usize = 32;
@@ -76,6 +75,9 @@ pub struct Probe {
     device: Device,
     walk: Walk,
     scene: SceneBuffers,
+    bytes: Vec<BufferBytes>,
+    tiles: Buffer<u32>,
+    tile_count: u32,
     anchor: glam::DVec3,
     pixels: Kernel,
     samples: Kernel,
@@ -102,9 +104,13 @@ impl Probe {
         let options = source::options(&Features::default(), bvh.depth(), walk);
         let program = Program::build(device, "probe", &source::probe_text(), &options)?;
         let darkness = Environment::constant(glam::Vec3::ZERO);
+        let data = SceneData::pack(shape, bvh, &darkness)?;
         Ok(Probe {
-            scene: SceneBuffers::upload(device, shape, bvh, &darkness, walk)?,
+            scene: SceneBuffers::upload(device, &data, walk)?,
             walk,
+            bytes: data.bytes(walk),
+            tiles: Buffer::new(device, 1)?,
+            tile_count: 0,
             anchor: shape.anchor,
             pixels: program.kernel("trace_pixels")?,
             samples: program.kernel("trace_samples")?,
@@ -139,6 +145,11 @@ impl Probe {
         &self.scene
     }
 
+    /// The scene's buffers with their sizes.
+    pub fn bytes(&self) -> &[BufferBytes] {
+        &self.bytes
+    }
+
     /// Chooses the camera rays.
     ///
     /// # Errors
@@ -148,6 +159,8 @@ impl Probe {
         self.camera = tracer::camera(view, self.anchor, &settings);
         self.sampled = Buffer::from_slice(&self.device, &pattern.samples)?;
         self.sample_count = pattern.samples.len();
+        self.tiles = Buffer::from_slice(&self.device, &pattern.order)?;
+        self.tile_count = pattern.order.len() as u32;
         self.pixel_hits = Buffer::new(&self.device, view.pixels())?;
         self.sample_hits = Buffer::new(&self.device, self.sample_count)?;
         Ok(())
@@ -196,14 +209,14 @@ impl Probe {
         let group = self.walk.group();
         match kind {
             RayKind::Pixels => {
-                let rows = self.camera.height;
                 args.extend([
                     Arg::value(&self.camera),
+                    Arg::buffer(&self.tiles),
                     Arg::U32(0),
-                    Arg::U32(rows),
+                    Arg::U32(self.tile_count),
                     Arg::buffer(&self.pixel_hits),
                 ]);
-                let blocks = self.camera.width.div_ceil(BLOCK) as usize * rows.div_ceil(BLOCK) as usize;
+                let blocks = self.tile_count as usize * BLOCKS_PER_TILE;
                 self.pixels.launch(&args, self.walk.items_of_blocks(blocks), group)
             }
             RayKind::Samples => {

@@ -1,14 +1,45 @@
-//! A scene in a device's memory.
+//! A scene as devices take it, and in a device's memory.
+
+use std::sync::OnceLock;
 
 use glam::Vec4;
 
 use super::Walk;
 use crate::bvh::WideBvh;
+use crate::bvh::compact::compact_nodes;
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device};
 use crate::layout::{self, pack_normal};
 use crate::scene::importance::DirectionTable;
 use crate::scene::{AlphaMode, Environment, Features, LightKind, Scene, TextureRef, texture::Wrap};
+
+/// A scene packed for upload, once for all devices. What no feature requires does not exist.
+#[derive(Debug)]
+pub struct SceneData {
+    /// What the scene requires of the kernels.
+    pub features: Features,
+    /// Levels of its tree.
+    pub depth: u32,
+    /// Where its coordinates start from.
+    pub anchor: glam::DVec3,
+    nodes: Vec<layout::WideNode>,
+    /// Made for the first device that walks them.
+    compact: OnceLock<Vec<layout::CompactNode>>,
+    leaves: Vec<f32>,
+    triangles: Vec<layout::Triangle>,
+    normals: Vec<u32>,
+    tangents: Option<Vec<[f32; 4]>>,
+    uvs: [Option<Vec<[f32; 2]>>; 2],
+    colors: Option<Vec<[u8; 4]>>,
+    materials: Vec<layout::Material>,
+    textures: Option<Vec<layout::TextureInfo>>,
+    texels: Option<Vec<[u8; 4]>>,
+    srgb: Option<Vec<f32>>,
+    lights: Option<Vec<layout::Light>>,
+    environment: Vec<layout::EnvironmentTexel>,
+    alias: Vec<layout::Alias>,
+    shading: layout::Shading,
+}
 
 /// All buffers of a scene. Those that no feature requires do not exist.
 #[derive(Debug)]
@@ -67,18 +98,12 @@ pub struct BufferBytes {
 const SUN_SHARE: f32 = 0.125;
 const ENVIRONMENT_SHARE: f32 = 0.375;
 
-impl SceneBuffers {
-    /// Uploads a scene for a variant of the kernels.
+impl SceneData {
+    /// Packs a scene.
     ///
     /// # Errors
-    /// [`Error::Device`] where it does not fit.
-    pub fn upload(
-        device: &Device,
-        scene: &Scene,
-        bvh: &WideBvh,
-        environment: &Environment,
-        walk: Walk,
-    ) -> Result<Self> {
+    /// [`Error::Setting`] where it has more materials or texels than kernels can tell apart.
+    pub fn pack(scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
         if scene.materials.len() > layout::MAX_MATERIALS {
             return Err(Error::setting(
                 "scene",
@@ -93,39 +118,128 @@ impl SceneBuffers {
         let mesh = &scene.mesh;
         let directions = DirectionTable::new(environment);
         let (infos, texels) = pack_textures(scene)?;
-        let when = |on: bool| on.then_some(());
-        let normals: Vec<u32> = mesh.normals.iter().map(|n| pack_normal(n.to_array())).collect();
-        let uv = |slot: usize| -> Result<Option<Buffer<[f32; 2]>>> {
+        let uv = |slot: usize| {
             let values: &[[f32; 2]] = bytemuck::cast_slice(&mesh.uvs[slot]);
-            when(features.textures && !values.is_empty())
-                .map(|()| Buffer::from_slice(device, values))
-                .transpose()
+            (features.textures && !values.is_empty()).then(|| values.to_vec())
         };
+        Ok(SceneData {
+            depth: bvh.depth(),
+            anchor: scene.anchor,
+            nodes: bvh.nodes.clone(),
+            compact: OnceLock::new(),
+            leaves: bvh.leaf_vertices(&mesh.positions, &mesh.triangles),
+            triangles: pack_triangles(scene, bvh),
+            normals: mesh.normals.iter().map(|n| pack_normal(n.to_array())).collect(),
+            tangents: features.normal_maps.then(|| bytemuck::cast_slice(&mesh.tangents).to_vec()),
+            uvs: [uv(0), uv(1)],
+            colors: features.vertex_colors.then(|| mesh.colors.iter().map(pack_color).collect()),
+            materials: pack_materials(scene),
+            textures: features.textures.then_some(infos),
+            texels: features.textures.then_some(texels),
+            srgb: features.textures.then(srgb_codes),
+            lights: features.lights.then(|| pack_lights(scene)),
+            environment: pack_environment(environment, &directions),
+            alias: pack_alias(&directions),
+            shading: shading(scene, environment, &directions),
+            features,
+        })
+    }
+
+    /// Every buffer that a device with a variant of the kernels will hold, with its size.
+    pub fn bytes(&self, walk: Walk) -> Vec<BufferBytes> {
+        fn of<T>(name: &'static str, values: &[T]) -> Option<BufferBytes> {
+            Some(BufferBytes { name, bytes: size_of_val(values).max(size_of::<T>()) })
+        }
+        fn may<T>(name: &'static str, values: &Option<Vec<T>>) -> Option<BufferBytes> {
+            values.as_ref().and_then(|values| of(name, values))
+        }
+        let node_bytes = match walk {
+            Walk::Together => size_of::<layout::WideNode>(),
+            Walk::Alone => size_of::<layout::CompactNode>(),
+        };
+        [
+            Some(BufferBytes { name: "nodes", bytes: self.nodes.len().max(1) * node_bytes }),
+            of("leaves", &self.leaves),
+            of("triangles", &self.triangles),
+            of("normals", &self.normals),
+            may("tangents", &self.tangents),
+            may("uv 0", &self.uvs[0]),
+            may("uv 1", &self.uvs[1]),
+            may("colors", &self.colors),
+            of("materials", &self.materials),
+            may("textures", &self.textures),
+            may("texels", &self.texels),
+            may("sRGB codes", &self.srgb),
+            may("lights", &self.lights),
+            of("environment", &self.environment),
+            of("alias", &self.alias),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
+    /// Tells whether a device has room, before anything is uploaded: drivers often say so only later.
+    ///
+    /// # Errors
+    /// [`Error::Device`] with what is too large.
+    pub fn check_fit(&self, device: &Device, walk: Walk) -> Result<()> {
+        let bytes = self.bytes(walk);
+        let sum: u64 = bytes.iter().map(|b| b.bytes as u64).sum();
+        let refuse = |problem: String| Err(Error::Device { device: device.info().name.clone(), problem });
+        let info = device.info();
+        if info.memory > 0 && sum > info.memory {
+            return refuse(format!(
+                "the scene needs {} MiB and it has {}; use a smaller scene, or leave this device out with --devices",
+                sum.div_ceil(1 << 20),
+                info.memory >> 20
+            ));
+        }
+        match bytes.iter().find(|b| info.largest_buffer > 0 && b.bytes as u64 > info.largest_buffer) {
+            Some(b) => refuse(format!(
+                "the scene's {} need {} MiB and its largest buffer is {}; use a smaller scene, or leave this device out with --devices",
+                b.name,
+                b.bytes.div_ceil(1 << 20),
+                info.largest_buffer >> 20
+            )),
+            None => Ok(()),
+        }
+    }
+
+    fn compact(&self) -> &[layout::CompactNode] {
+        self.compact.get_or_init(|| compact_nodes(&self.nodes))
+    }
+}
+
+impl SceneBuffers {
+    /// Uploads a scene for a variant of the kernels.
+    ///
+    /// # Errors
+    /// [`Error::Device`] where it does not fit.
+    pub fn upload(device: &Device, data: &SceneData, walk: Walk) -> Result<Self> {
+        fn may<T: bytemuck::Pod>(device: &Device, values: &Option<Vec<T>>) -> Result<Option<Buffer<T>>> {
+            values.as_ref().map(|values| Buffer::from_slice(device, values)).transpose()
+        }
+        data.check_fit(device, walk)?;
         Ok(SceneBuffers {
             nodes: match walk {
-                Walk::Together => Nodes::Wide(Buffer::from_slice(device, &bvh.nodes)?),
-                Walk::Alone => Nodes::Compact(Buffer::from_slice(device, &bvh.compact())?),
+                Walk::Together => Nodes::Wide(Buffer::from_slice(device, &data.nodes)?),
+                Walk::Alone => Nodes::Compact(Buffer::from_slice(device, data.compact())?),
             },
-            leaves: Buffer::from_slice(device, &bvh.leaf_vertices(&mesh.positions, &mesh.triangles))?,
-            triangles: Buffer::from_slice(device, &pack_triangles(scene, bvh))?,
-            normals: Buffer::from_slice(device, &normals)?,
-            tangents: when(features.normal_maps)
-                .map(|()| Buffer::from_slice(device, bytemuck::cast_slice(&mesh.tangents)))
-                .transpose()?,
-            uvs: [uv(0)?, uv(1)?],
-            colors: when(features.vertex_colors)
-                .map(|()| Buffer::from_slice(device, &mesh.colors.iter().map(pack_color).collect::<Vec<_>>()))
-                .transpose()?,
-            materials: Buffer::from_slice(device, &pack_materials(scene))?,
-            textures: when(features.textures).map(|()| Buffer::from_slice(device, &infos)).transpose()?,
-            texels: when(features.textures).map(|()| Buffer::from_slice(device, &texels)).transpose()?,
-            srgb: when(features.textures).map(|()| Buffer::from_slice(device, &srgb_codes())).transpose()?,
-            lights: when(features.lights)
-                .map(|()| Buffer::from_slice(device, &pack_lights(scene)))
-                .transpose()?,
-            environment: Buffer::from_slice(device, &pack_environment(environment, &directions))?,
-            alias: Buffer::from_slice(device, &pack_alias(&directions))?,
-            shading: shading(scene, environment, &directions),
+            leaves: Buffer::from_slice(device, &data.leaves)?,
+            triangles: Buffer::from_slice(device, &data.triangles)?,
+            normals: Buffer::from_slice(device, &data.normals)?,
+            tangents: may(device, &data.tangents)?,
+            uvs: [may(device, &data.uvs[0])?, may(device, &data.uvs[1])?],
+            colors: may(device, &data.colors)?,
+            materials: Buffer::from_slice(device, &data.materials)?,
+            textures: may(device, &data.textures)?,
+            texels: may(device, &data.texels)?,
+            srgb: may(device, &data.srgb)?,
+            lights: may(device, &data.lights)?,
+            environment: Buffer::from_slice(device, &data.environment)?,
+            alias: Buffer::from_slice(device, &data.alias)?,
+            shading: data.shading,
         })
     }
 
@@ -156,31 +270,6 @@ impl SceneBuffers {
     /// Bytes of what rays walk: nodes, vertices in leaf order, and what hits need to know of a triangle.
     pub fn tree_bytes(&self) -> usize {
         self.nodes.bytes() + self.leaves.bytes() + self.triangles.bytes()
-    }
-
-    /// Every buffer that exists, with its size.
-    pub fn bytes(&self) -> Vec<BufferBytes> {
-        let of = |name, bytes| Some(BufferBytes { name, bytes });
-        [
-            of("nodes", self.nodes.bytes()),
-            of("leaves", self.leaves.bytes()),
-            of("triangles", self.triangles.bytes()),
-            of("normals", self.normals.bytes()),
-            self.tangents.as_ref().and_then(|b| of("tangents", b.bytes())),
-            self.uvs[0].as_ref().and_then(|b| of("uv 0", b.bytes())),
-            self.uvs[1].as_ref().and_then(|b| of("uv 1", b.bytes())),
-            self.colors.as_ref().and_then(|b| of("colors", b.bytes())),
-            of("materials", self.materials.bytes()),
-            self.textures.as_ref().and_then(|b| of("textures", b.bytes())),
-            self.texels.as_ref().and_then(|b| of("texels", b.bytes())),
-            self.srgb.as_ref().and_then(|b| of("sRGB codes", b.bytes())),
-            self.lights.as_ref().and_then(|b| of("lights", b.bytes())),
-            of("environment", self.environment.bytes()),
-            of("alias", self.alias.bytes()),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
     }
 }
 

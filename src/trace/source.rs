@@ -5,7 +5,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 19] = [
+const FILES: [&str; 21] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -19,12 +19,14 @@ const FILES: [&str; 19] = [
     include_str!("../../kernels/shared/light.h"),
     include_str!("../../kernels/shared/camera.h"),
     include_str!("../../kernels/shared/frustum.h"),
+    include_str!("../../kernels/shared/tiles.h"),
     include_str!("../../kernels/trace.cl"),
     include_str!("../../kernels/shared/beam.h"),
     include_str!("../../kernels/visibility.cl"),
     include_str!("../../kernels/sun.cl"),
     include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/shade.cl"),
+    include_str!("../../kernels/gather.cl"),
 ];
 
 /// The whole text.
@@ -33,7 +35,7 @@ pub fn text() -> String {
 }
 
 /// What rays alone need, for measurements of them.
-const PROBE_FILES: [&str; 10] = [
+const PROBE_FILES: [&str; 11] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -42,6 +44,7 @@ const PROBE_FILES: [&str; 10] = [
     include_str!("../../kernels/shared/compact.h"),
     include_str!("../../kernels/shared/camera.h"),
     include_str!("../../kernels/shared/frustum.h"),
+    include_str!("../../kernels/shared/tiles.h"),
     include_str!("../../kernels/trace.cl"),
     include_str!("../../kernels/bundles.cl"),
 ];

@@ -2,20 +2,20 @@
 
 use crate::bvh::WideBvh;
 use crate::error::Result;
-use crate::foveation::Pattern;
+use crate::foveation::workload::{Part, TILE_PIXELS};
+use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
 use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
-use super::SceneBuffers;
-use super::Walk;
 use super::source;
+use super::{SceneBuffers, SceneData, Walk};
 
-/// Pixels across and down that a work-item of `trace_pixels` takes: `BLOCK` of frustum.h.
-pub(super) const BLOCK: u32 = 8;
-/// Pixels that a work-item of `describe_pixels` takes: `RUN` of visibility.cl.
-const RUN: usize = 16;
+/// Work-items of `trace_pixels`, `light_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
+pub(super) const BLOCKS_PER_TILE: usize = 4;
+/// Work-items of `describe_pixels` and `pack_visibility` for a tile: its rows.
+const ROWS_PER_TILE: usize = TILE as usize;
 
 /// How samples are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +35,7 @@ pub struct Settings {
 }
 
 /// What a trace did, and how long the device took for it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Traced {
     /// Camera rays and light rays.
     pub rays: u64,
@@ -45,6 +45,8 @@ pub struct Traced {
     pub trace_ms: f64,
     /// Device time of shading, in milliseconds.
     pub shade_ms: f64,
+    /// Both for each part, in the order in which they were asked for.
+    pub parts_ms: Vec<[f64; 2]>,
 }
 
 /// One device with a scene and the kernels that this scene requires.
@@ -59,6 +61,7 @@ pub struct Tracer {
     describe_pixels: Kernel,
     share_edges: Kernel,
     shade_samples: Kernel,
+    pack_visibility: Kernel,
     /// Exists where the environment has a sun.
     light_pixels: Option<Kernel>,
     counters: Buffer<u32>,
@@ -66,18 +69,45 @@ pub struct Tracer {
     hits: Buffer<HitRecord>,
 }
 
-/// A view's samples in a device's memory.
+/// A view's samples and tiles in a device's memory.
 #[derive(Debug)]
 pub struct TracePattern {
     samples: Buffer<u32>,
-    count: usize,
+    tiles: Buffer<u32>,
+    order: Vec<u32>,
+    tiles_x: u32,
+    whole: Part,
+}
+
+impl TracePattern {
+    /// The tiles that touch those of parts which follow each other, and are none of them.
+    fn ring(&self, parts: &[Part]) -> Vec<u32> {
+        let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Vec::new() };
+        let inside = &self.order[first.first_traced as usize..last.tiles.end as usize];
+        let (across, down) = (self.tiles_x, self.order.len() as u32 / self.tiles_x.max(1));
+        let mut known = vec![false; self.order.len()];
+        inside.iter().for_each(|&tile| known[tile as usize] = true);
+        let mut ring = Vec::new();
+        for &tile in inside {
+            let (x, y) = (tile % across, tile / across);
+            for y in y.saturating_sub(1)..(y + 2).min(down) {
+                for x in x.saturating_sub(1)..(x + 2).min(across) {
+                    let next = y * across + x;
+                    if !std::mem::replace(&mut known[next as usize], true) {
+                        ring.push(next);
+                    }
+                }
+            }
+        }
+        ring
+    }
 }
 
 /// Work under way: events whose times are read when the device has finished.
 #[derive(Debug)]
 pub struct InFlight {
-    trace: Vec<Event>,
-    shade: Event,
+    /// Each part's camera rays and visibility, and its shading.
+    parts: Vec<(Vec<Event>, Event)>,
     camera_rays: u64,
 }
 
@@ -91,6 +121,23 @@ impl Tracer {
         Self::with_features(device, scene, bvh, environment, &features, Walk::for_device(device))
     }
 
+    /// Builds a variant of the kernels that a packed scene requires, has the device show that they work, and
+    /// uploads the scene.
+    ///
+    /// # Errors
+    /// Where the kernels do not build, the device computes something else than it should, or the scene does
+    /// not fit.
+    pub fn open(device: &Device, data: &SceneData, walk: Walk) -> Result<Self> {
+        data.check_fit(device, walk)?;
+        let program = Self::build(device, &data.features, data.depth, walk)?;
+        super::self_test::run(device, &program, &data.features, walk)?;
+        Self::with_program(device, &program, data, &data.features, walk)
+    }
+
+    fn build(device: &Device, features: &Features, depth: u32, walk: Walk) -> Result<Program> {
+        Program::build(device, "foveate", &source::text(), &source::options(features, depth, walk))
+    }
+
     /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
     /// given variant.
     pub fn with_features(
@@ -101,17 +148,28 @@ impl Tracer {
         features: &Features,
         walk: Walk,
     ) -> Result<Self> {
-        let options = source::options(features, bvh.depth(), walk);
-        let program = Program::build(device, "foveate", &source::text(), &options)?;
+        let data = SceneData::pack(scene, bvh, environment)?;
+        let program = Self::build(device, features, data.depth, walk)?;
+        Self::with_program(device, &program, &data, features, walk)
+    }
+
+    pub(super) fn with_program(
+        device: &Device,
+        program: &Program,
+        data: &SceneData,
+        features: &Features,
+        walk: Walk,
+    ) -> Result<Self> {
         Ok(Tracer {
-            scene: SceneBuffers::upload(device, scene, bvh, environment, walk)?,
+            scene: SceneBuffers::upload(device, data, walk)?,
             walk,
-            anchor: scene.anchor,
+            anchor: data.anchor,
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
             share_edges: program.kernel("share_edges")?,
             shade_samples: program.kernel("shade_samples")?,
+            pack_visibility: program.kernel("pack_visibility")?,
             light_pixels: features.sun.then(|| program.kernel("light_pixels")).transpose()?,
             counters: Buffer::new(device, 2)?,
             hits: Buffer::new(device, 1)?,
@@ -133,7 +191,14 @@ impl Tracer {
     pub fn pattern(&self, pattern: &Pattern) -> Result<TracePattern> {
         Ok(TracePattern {
             samples: Buffer::from_slice(&self.device, &pattern.samples)?,
-            count: pattern.samples.len(),
+            tiles: Buffer::from_slice(&self.device, &pattern.order)?,
+            order: pattern.order.clone(),
+            tiles_x: pattern.tiles_x(),
+            whole: Part {
+                samples: 0..pattern.samples.len() as u32,
+                tiles: 0..pattern.order.len() as u32,
+                first_traced: 0,
+            },
         })
     }
 
@@ -149,12 +214,26 @@ impl Tracer {
         samples: &Buffer<SampleRecord>,
         visibility: Option<&Buffer<VisibilityRecord>>,
     ) -> Result<InFlight> {
+        self.enqueue_parts(view, settings, pattern, std::slice::from_ref(&pattern.whole), samples, visibility)
+    }
+
+    /// Like [`Tracer::enqueue`], for parts of the view that follow each other: records of other parts stay as
+    /// they are, except that the first part's first traced tile is described too.
+    pub fn enqueue_parts(
+        &mut self,
+        view: &View,
+        settings: &Settings,
+        pattern: &TracePattern,
+        parts: &[Part],
+        samples: &Buffer<SampleRecord>,
+        visibility: Option<&Buffer<VisibilityRecord>>,
+    ) -> Result<InFlight> {
         assert_eq!(
             settings.guided,
             visibility.is_some(),
             "guided reconstruction needs visibility, k-NN does not"
         );
-        let needed = if settings.guided { view.pixels() } else { pattern.count };
+        let needed = if settings.guided { view.pixels() } else { pattern.whole.samples.len() };
         if self.hits.len() < needed {
             self.hits = Buffer::new(&self.device, needed)?;
         }
@@ -167,13 +246,23 @@ impl Tracer {
             hits_per_pixel: u32::from(settings.guided),
             ..self.scene.shading
         };
-        let trace = match visibility {
-            Some(records) => self.trace_all_pixels(view, &camera, &shading, settings.edge_rays, records)?,
-            None => vec![self.trace_only_samples(&camera, pattern)?],
+        let (traces, camera_rays) = match visibility {
+            Some(records) => {
+                let edges = settings.edge_rays;
+                self.trace_tiles(&camera, &shading, edges, pattern, parts, records)?
+            }
+            None => {
+                let trace = |part: &Part| Ok(vec![self.trace_only_samples(&camera, pattern, part)?]);
+                let rays = parts.iter().map(|part| part.samples.len() as u64).sum();
+                (parts.iter().map(trace).collect::<Result<Vec<_>>>()?, rays)
+            }
         };
-        let shade = self.shade(&camera, &shading, pattern, visibility, samples)?;
+        let mut events = Vec::with_capacity(parts.len());
+        for (part, trace) in parts.iter().zip(traces) {
+            events.push((trace, self.shade(&camera, &shading, pattern, part, visibility, samples)?));
+        }
         self.device.flush()?;
-        Ok(InFlight { trace, shade, camera_rays: needed as u64 })
+        Ok(InFlight { parts: events, camera_rays })
     }
 
     /// Waits for what was enqueued and tells what it did.
@@ -181,12 +270,47 @@ impl Tracer {
         self.device.finish()?;
         let mut counters = [0; 2];
         self.counters.read(&mut counters)?;
+        let times = |(trace, shade): &(Vec<Event>, Event)| {
+            [trace.iter().map(Event::device_ms).sum(), shade.device_ms()]
+        };
+        let parts_ms: Vec<[f64; 2]> = work.parts.iter().map(times).collect();
         Ok(Traced {
             rays: work.camera_rays + u64::from(counters[0]),
             dropped: counters[1],
-            trace_ms: work.trace.iter().map(Event::device_ms).sum(),
-            shade_ms: work.shade.device_ms(),
+            trace_ms: parts_ms.iter().map(|ms| ms[0]).sum(),
+            shade_ms: parts_ms.iter().map(|ms| ms[1]).sum(),
+            parts_ms,
         })
+    }
+
+    /// What the pixels of `tiles` see, tile by tile along the pattern's order, 256 records each in rows; those
+    /// beyond the view's edge are undefined.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub fn packed_visibility(
+        &self,
+        view: &View,
+        pattern: &TracePattern,
+        tiles: std::ops::Range<u32>,
+        records: &Buffer<VisibilityRecord>,
+    ) -> Result<Vec<VisibilityRecord>> {
+        let camera = layout::Camera { width: view.width, height: view.height, ..Default::default() };
+        let length = tiles.len() * TILE_PIXELS as usize;
+        if length == 0 {
+            return Ok(Vec::new());
+        }
+        let packed = Buffer::<VisibilityRecord>::new(&self.device, length)?;
+        let args = [
+            Arg::value(&camera),
+            Arg::buffer(&pattern.tiles),
+            Arg::U32(tiles.start),
+            Arg::U32(tiles.len() as u32),
+            Arg::buffer(records),
+            Arg::buffer(&packed),
+        ];
+        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, self.walk.group())?;
+        packed.to_vec()
     }
 
     /// The first `count` camera rays' hits of the last trace that was finished: of all pixels row after
@@ -204,69 +328,112 @@ impl Tracer {
         Ok(hits)
     }
 
-    fn trace_all_pixels(
+    /// Traces and describes the pixels of all parts, and of the ring of tiles around them where edges want to
+    /// know their neighbours. The events of each part, and how many camera rays there were.
+    fn trace_tiles(
         &self,
-        view: &View,
         camera: &layout::Camera,
         shading: &layout::Shading,
         edge_rays: u32,
+        pattern: &TracePattern,
+        parts: &[Part],
         records: &Buffer<VisibilityRecord>,
-    ) -> Result<Vec<Event>> {
-        let mut args = self.scene.args();
-        args.extend([Arg::value(camera), Arg::U32(0), Arg::U32(view.height), Arg::buffer(&self.hits)]);
-        let blocks = view.width.div_ceil(BLOCK) as usize * view.height.div_ceil(BLOCK) as usize;
-        let group = self.walk.group();
-        let trace = self.trace_pixels.launch(&args, self.walk.items_of_blocks(blocks), group)?;
-        let mut args = self.scene.args();
-        args.extend([
-            Arg::value(camera),
-            Arg::value(shading),
-            Arg::U32(0),
-            Arg::U32(view.pixels() as u32),
-            Arg::buffer(&self.hits),
-            Arg::buffer(records),
-        ]);
-        let describe = self.describe_pixels.launch(&args, view.pixels().div_ceil(RUN), group)?;
-        let mut events = vec![trace, describe];
-        if let Some(kernel) = &self.light_pixels {
-            let mut args = self.scene.args();
-            args.extend([
-                Arg::value(camera),
-                Arg::value(shading),
-                Arg::U32(0),
-                Arg::U32(view.height),
-                Arg::buffer(&self.hits),
-                Arg::buffer(records),
-                Arg::buffer(&self.counters),
-            ]);
-            events.push(kernel.launch(&args, blocks, group)?);
+    ) -> Result<(Vec<Vec<Event>>, u64)> {
+        let starts = parts.iter().enumerate().map(|(index, part)| match index {
+            0 => part.first_traced,
+            _ => part.tiles.start,
+        });
+        let (mut events, mut tiles) = (Vec::with_capacity(parts.len()), 0);
+        for (part, first) in parts.iter().zip(starts) {
+            let count = part.tiles.end - first;
+            tiles += count;
+            events.push(self.describe(camera, shading, &pattern.tiles, first, count, records)?);
         }
         if edge_rays > 0 {
-            let mut args = self.scene.args();
-            args.extend([
-                Arg::value(camera),
-                Arg::U32(edge_rays),
-                Arg::U32(0),
-                Arg::U32(view.height),
-                Arg::buffer(&self.hits),
-                Arg::buffer(records),
-                Arg::buffer(&self.counters),
-            ]);
-            events.push(self.share_edges.launch(&args, blocks, group)?);
+            let ring = pattern.ring(parts);
+            if !ring.is_empty() {
+                tiles += ring.len() as u32;
+                let list = Buffer::from_slice(&self.device, &ring)?;
+                let around = self.describe(camera, shading, &list, 0, ring.len() as u32, records)?;
+                events[0].extend(around);
+            }
+            for (part, events) in parts.iter().zip(&mut events) {
+                events.push(self.share_edges(camera, edge_rays, pattern, part, records)?);
+            }
+        }
+        let pixels = u64::from(camera.width) * u64::from(camera.height);
+        Ok((events, u64::from(tiles * TILE_PIXELS).min(pixels)))
+    }
+
+    /// Finds the hits of the pixels of tiles `first..first + count` of a list, and describes them.
+    fn describe(
+        &self,
+        camera: &layout::Camera,
+        shading: &layout::Shading,
+        list: &Buffer<u32>,
+        first: u32,
+        count: u32,
+        records: &Buffer<VisibilityRecord>,
+    ) -> Result<Vec<Event>> {
+        let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
+        let group = self.walk.group();
+        let blocks = count as usize * BLOCKS_PER_TILE;
+        let mut args = self.scene.args();
+        args.push(Arg::value(camera));
+        args.extend(tiles);
+        args.push(Arg::buffer(&self.hits));
+        let trace = self.trace_pixels.launch(&args, self.walk.items_of_blocks(blocks), group)?;
+        let mut args = self.scene.args();
+        args.extend([Arg::value(camera), Arg::value(shading)]);
+        args.extend(tiles);
+        args.extend([Arg::buffer(&self.hits), Arg::buffer(records)]);
+        let describe = self.describe_pixels.launch(&args, count as usize * ROWS_PER_TILE, group)?;
+        let mut events = vec![trace, describe];
+        if let Some(kernel) = &self.light_pixels {
+            args.push(Arg::buffer(&self.counters));
+            events.push(kernel.launch(&args, blocks, group)?);
         }
         Ok(events)
     }
 
-    fn trace_only_samples(&self, camera: &layout::Camera, pattern: &TracePattern) -> Result<Event> {
+    fn share_edges(
+        &self,
+        camera: &layout::Camera,
+        rays: u32,
+        pattern: &TracePattern,
+        part: &Part,
+        records: &Buffer<VisibilityRecord>,
+    ) -> Result<Event> {
+        let mut args = self.scene.args();
+        args.extend([
+            Arg::value(camera),
+            Arg::U32(rays),
+            Arg::buffer(&pattern.tiles),
+            Arg::U32(part.tiles.start),
+            Arg::U32(part.tiles.len() as u32),
+            Arg::buffer(&self.hits),
+            Arg::buffer(records),
+            Arg::buffer(&self.counters),
+        ]);
+        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.walk.group())
+    }
+
+    fn trace_only_samples(
+        &self,
+        camera: &layout::Camera,
+        pattern: &TracePattern,
+        part: &Part,
+    ) -> Result<Event> {
         let mut args = self.scene.args();
         args.extend([
             Arg::value(camera),
             Arg::buffer(&pattern.samples),
-            Arg::U32(0),
-            Arg::U32(pattern.count as u32),
+            Arg::U32(part.samples.start),
+            Arg::U32(part.samples.len() as u32),
             Arg::buffer(&self.hits),
         ]);
-        self.trace_samples.launch(&args, self.walk.items_of_samples(pattern.count), self.walk.group())
+        let items = self.walk.items_of_samples(part.samples.len());
+        self.trace_samples.launch(&args, items, self.walk.group())
     }
 
     fn shade(
@@ -274,6 +441,7 @@ impl Tracer {
         camera: &layout::Camera,
         shading: &layout::Shading,
         pattern: &TracePattern,
+        part: &Part,
         visibility: Option<&Buffer<VisibilityRecord>>,
         samples: &Buffer<SampleRecord>,
     ) -> Result<Event> {
@@ -282,14 +450,14 @@ impl Tracer {
             Arg::value(camera),
             Arg::value(shading),
             Arg::buffer(&pattern.samples),
-            Arg::U32(0),
-            Arg::U32(pattern.count as u32),
+            Arg::U32(part.samples.start),
+            Arg::U32(part.samples.len() as u32),
             Arg::buffer(&self.hits),
             visibility.map_or(Arg::NONE, Arg::buffer),
             Arg::buffer(samples),
             Arg::buffer(&self.counters),
         ]);
-        self.shade_samples.launch(&args, pattern.count, self.walk.group())
+        self.shade_samples.launch(&args, part.samples.len(), self.walk.group())
     }
 }
 

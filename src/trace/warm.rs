@@ -92,10 +92,10 @@ impl Idle {
             args.push(Arg::value(&camera));
             let none = [Arg::U32(0), Arg::U32(0)];
             match *name {
-                "trace_pixels" => args.extend([none[0], none[1], Arg::NONE]),
+                "trace_pixels" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
                 "trace_samples" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
                 "describe_pixels" => {
-                    args.extend([Arg::value(&shading), none[0], none[1], Arg::NONE, Arg::NONE]);
+                    args.extend([Arg::value(&shading), Arg::NONE, none[0], none[1], Arg::NONE, Arg::NONE]);
                 }
                 "share_edges" => args.extend([
                     none[0],
@@ -107,6 +107,7 @@ impl Idle {
                 ]),
                 "light_pixels" => args.extend([
                     Arg::value(&shading),
+                    Arg::NONE,
                     none[0],
                     none[1],
                     Arg::NONE,

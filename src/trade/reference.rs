@@ -149,10 +149,14 @@ pub fn matched(renderer: &mut Renderer, eyes: &[View; 2], base: &Config) -> Resu
     let mut distances = Vec::new();
     for eye in eyes {
         renderer.frame(&Plan::mono(*eye), &[], 0)?;
-        let hits = renderer.tracer().hits(eye.pixels())?;
-        let distance =
-            |hit: &crate::layout::HitRecord| if hit.triangle == u32::MAX { f32::INFINITY } else { hit.t };
-        distances.push(hits.iter().map(distance).collect::<Vec<f32>>());
+        let depths = renderer.depths(0);
+        let distance = |(pixel, depth): (usize, f32)| {
+            let width = eye.width as usize;
+            let at = glam::DVec2::new((pixel % width) as f64, (pixel / width) as f64) + 0.5;
+            // Depths are along the view's axis, distances along the pixel's ray.
+            if depth > 0.0 { depth * eye.eye_direction(at).length() as f32 } else { f32::INFINITY }
+        };
+        distances.push(depths.into_iter().enumerate().map(distance).collect::<Vec<f32>>());
     }
     Ok(matches([&eyes[0], &eyes[1]], [&distances[0], &distances[1]]))
 }

@@ -289,7 +289,7 @@ impl Bench<'_> {
             Means::Inset { scale } => (serde_json::json!({ "inset": { "scale": scale } }), None),
             Means::Coarse { scale } => (serde_json::json!({ "resolution": { "scale": scale } }), None),
         };
-        let first = reports.first().copied().unwrap_or_default();
+        let first = reports.first().cloned().unwrap_or_default();
         Point {
             name: candidate.name.clone(),
             axis: candidate.axis.to_string(),

@@ -94,7 +94,7 @@ fn help_tells_of_every_command_and_the_version() {
     {
         let run = foveate(here, &format!("{command} --help")).succeeds();
         assert!(run.out.contains("Usage: foveate"), "{run:?}");
-        if !["", "scene", "tracker"].contains(&command) {
+        if !["", "scene"].contains(&command) {
             assert!(["--json", "--config", "--set"].iter().all(|flag| run.out.contains(flag)), "{run:?}");
         }
     }

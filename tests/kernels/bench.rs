@@ -108,7 +108,7 @@ impl Bench {
 /// Every pixel, row after row.
 pub fn all_pixels(view: &View) -> Pattern {
     let samples = (0..view.pixels() as u32).map(|i| (i % view.width) | (i / view.width) << 16).collect();
-    Pattern { samples, ..Pattern::new(&View { width: 1, height: 1, ..*view }, &Law::Full, DVec2::ZERO, 1) }
+    Pattern { samples, ..Pattern::new(view, &Law::Full, DVec2::ZERO, 1) }
 }
 
 /// The centres of `across` by `down` cells of a view.
@@ -117,7 +117,7 @@ pub fn spread(view: &View, across: u32, down: u32) -> Pattern {
     let samples = (0..across * down)
         .map(|i| place(i % across, across, view.width) | place(i / across, down, view.height) << 16)
         .collect();
-    Pattern { samples, ..all_pixels(&View { width: 1, height: 1, ..*view }) }
+    Pattern { samples, ..all_pixels(view) }
 }
 
 /// A view from `eye` to `target`, its vertical angle in degrees.

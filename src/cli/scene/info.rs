@@ -13,7 +13,7 @@ use crate::config::Layers;
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::scene::info::{SceneInfo, summarise};
-use crate::trace::{BufferBytes, SceneBuffers};
+use crate::trace::{BufferBytes, SceneBuffers, SceneData};
 
 /// Arguments of `foveate scene info`.
 #[derive(Debug, clap::Args)]
@@ -50,9 +50,9 @@ pub fn run(args: &Args) -> Result<()> {
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
     let walk = config.trace.walk.on(&machine.device);
-    let buffers =
-        SceneBuffers::upload(&machine.device, &loaded.scene, &loaded.bvh, &loaded.environment, walk)?;
-    let device_buffers = buffers.bytes();
+    let data = SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?;
+    let buffers = SceneBuffers::upload(&machine.device, &data, walk)?;
+    let device_buffers = data.bytes(walk);
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),

@@ -30,37 +30,37 @@ impl std::fmt::Display for Sharing {
     }
 }
 
-/// `len` elements that OpenCL writes and Vulkan reads.
+/// `len` elements that OpenCL devices deliver and Vulkan reads.
 pub struct Shared<T> {
     // Declared before `host`: OpenCL lets go of the memory before it is freed.
-    opencl: Buffer<T>,
+    opencl: Option<Buffer<T>>,
     host: HostBuffer,
-    sharing: Sharing,
+    len: usize,
 }
 
 impl<T: Pod> Shared<T> {
-    /// Allocates shared memory.
+    /// Allocates memory that Vulkan reads; `direct` is the OpenCL device that writes it in place, where there
+    /// is one ([`probe`] tells).
     ///
     /// # Errors
     /// [`crate::Error::Device`] where either device has no room.
-    pub fn new(device: &Device, context: &Context, len: usize, sharing: Sharing) -> Result<Self> {
+    pub fn new(direct: Option<&Device>, context: &Context, len: usize) -> Result<Self> {
         let len = len.max(1);
         let host = HostBuffer::new(context, len * size_of::<T>())?;
-        let opencl = match sharing {
-            // SAFETY: the mapping is at least that long and lives as long as `host`, which is dropped
-            // after the buffer; the host reads it only after the device has finished.
-            Sharing::ZeroCopy => unsafe { Buffer::from_host_memory(device, host.as_ptr().cast(), len)? },
-            Sharing::Staged => Buffer::new(device, len)?,
-        };
-        Ok(Shared { opencl, host, sharing })
+        let opencl = direct
+            // SAFETY: the mapping is at least that long and lives as long as `host`, which is dropped after
+            // the buffer; the host reads it only after the device has finished.
+            .map(|device| unsafe { Buffer::from_host_memory(device, host.as_ptr().cast(), len) })
+            .transpose()?;
+        Ok(Shared { opencl, host, len })
     }
 
-    /// What OpenCL writes to.
-    pub fn opencl(&self) -> &Buffer<T> {
-        &self.opencl
+    /// What the device that writes in place writes to.
+    pub fn opencl(&self) -> Option<&Buffer<T>> {
+        self.opencl.as_ref()
     }
 
-    /// What Vulkan reads from, after [`Shared::publish`].
+    /// What Vulkan reads from.
     pub fn vulkan(&self) -> BufferRef {
         BufferRef::from(&self.host)
     }
@@ -68,28 +68,20 @@ impl<T: Pod> Shared<T> {
     /// Elements.
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> usize {
-        self.opencl.len()
+        self.len
     }
 
-    /// Makes the first `count` elements, which the OpenCL device has finished writing, visible to
-    /// Vulkan.
+    /// Copies what a device without access has delivered to its place, from element `first` on.
     ///
-    /// # Errors
-    /// [`crate::Error::Device`] where the device is lost.
-    pub fn publish(&self, count: usize) -> Result<()> {
-        match self.sharing {
-            Sharing::ZeroCopy => Ok(()),
-            // SAFETY: the mapping holds `len` elements of T, and Vulkan's last reader has finished.
-            Sharing::Staged => {
-                let mapped = unsafe { std::slice::from_raw_parts_mut(self.host.as_ptr().cast(), self.len()) };
-                self.opencl.read(&mut mapped[..count])
-            }
-        }
+    /// # Panics
+    /// If it does not fit.
+    pub fn write(&self, first: usize, values: &[T]) {
+        self.host.write(first * size_of::<T>(), values);
     }
 
-    /// The first `count` elements, once published.
-    pub fn read(&self, count: usize) -> Vec<T> {
-        self.host.read(0, count)
+    /// Every `step`-th of the first `count` elements, as they were delivered.
+    pub fn sparse(&self, count: usize, step: usize) -> Vec<T> {
+        self.host.read_sparse(count, step)
     }
 }
 
@@ -120,8 +112,8 @@ fn sees_the_same(device: &Device, context: &Context, seed: u32) -> std::result::
     let run = || -> Result<bool> {
         let program = Program::build(device, "probe", PROBE_SOURCE, "-cl-std=CL1.2")?;
         let kernel = program.kernel("probe")?;
-        let shared: Shared<u32> = Shared::new(device, context, PROBE, Sharing::ZeroCopy)?;
-        kernel.launch(&[Arg::buffer(shared.opencl()), Arg::U32(PROBE as u32), Arg::U32(seed)], PROBE, 64)?;
+        let shared: Shared<u32> = Shared::new(Some(device), context, PROBE)?;
+        kernel.launch(&[Arg::optional(&shared.opencl), Arg::U32(PROBE as u32), Arg::U32(seed)], PROBE, 64)?;
         device.finish()?;
         let copy = HostBuffer::new(context, PROBE * 4)?;
         let mut commands = Commands::new(context)?;

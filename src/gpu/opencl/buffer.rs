@@ -21,6 +21,8 @@ pub struct Buffer<T> {
 
 // SAFETY: cl_mem handles may be used from any thread (OpenCL 1.2, appendix A.2).
 unsafe impl<T: Send> Send for Buffer<T> {}
+// SAFETY: as above; through a shared reference only the device's memory changes, by enqueued commands.
+unsafe impl<T: Sync> Sync for Buffer<T> {}
 
 impl<T: Pod> Buffer<T> {
     /// A buffer with a copy of `data`. Empty data makes a buffer of one zeroed element.
@@ -96,7 +98,13 @@ impl<T: Pod> Buffer<T> {
 
     /// Copies the first `data.len()` elements to `data` and waits for it.
     pub fn read(&self, data: &mut [T]) -> Result<()> {
-        assert!(data.len() <= self.len, "read of {} elements from a buffer of {}", data.len(), self.len);
+        self.read_at(0, data)
+    }
+
+    /// Copies `data.len()` elements from element `first` on to `data` and waits for it.
+    pub fn read_at(&self, first: usize, data: &mut [T]) -> Result<()> {
+        let fits = first.checked_add(data.len()).is_some_and(|end| end <= self.len);
+        assert!(fits, "read of {} elements at {first} from a buffer of {}", data.len(), self.len);
         if data.is_empty() {
             return Ok(());
         }
@@ -106,7 +114,7 @@ impl<T: Pod> Buffer<T> {
                 self.device.queue(),
                 self.memory,
                 cl3::types::CL_TRUE,
-                0,
+                first * size_of::<T>(),
                 size_of_val(data),
                 data.as_mut_ptr().cast(),
                 0,

@@ -112,6 +112,35 @@ fn describe(platform: cl_platform_id, id: cl_device_id) -> DeviceInfo {
     }
 }
 
+/// Divides a device into sub-devices with so many compute units each; what is left over stays idle.
+///
+/// # Errors
+/// [`Error::Device`] where the driver does not divide it so.
+pub fn subdivide(info: &DeviceInfo, units: &[u32]) -> Result<Vec<DeviceInfo>> {
+    let refused = |problem: String| Error::Device { device: info.name.clone(), problem };
+    let wanted: u32 = units.iter().sum();
+    if units.is_empty() || units.contains(&0) || wanted > info.compute_units {
+        return Err(refused(format!(
+            "it has {} compute units and cannot be divided into {units:?}; give as many in devices.subdivide",
+            info.compute_units
+        )));
+    }
+    const BY_COUNTS: isize = 0x1087;
+    let mut properties = vec![BY_COUNTS];
+    properties.extend(units.iter().map(|&count| count as isize));
+    properties.extend([0, 0]);
+    let ids = cl3::device::create_sub_devices(info.id.0, &properties).map_err(|error| {
+        refused(format!("its driver does not divide it: {}; leave devices.subdivide empty", code(error)))
+    })?;
+    let mut parts: Vec<DeviceInfo> = ids.into_iter().map(|id| describe(info.platform_id.0, id)).collect();
+    for (index, (part, &count)) in parts.iter_mut().zip(units).enumerate() {
+        part.name = format!("{} (part {} of {})", info.name, index + 1, units.len());
+        part.compute_units = count;
+        part.uuid = None;
+    }
+    Ok(parts)
+}
+
 fn uuid(id: cl_device_id) -> Option<String> {
     const CL_DEVICE_UUID_KHR: u32 = 0x106A;
     let bytes = cl3::device::get_device_data(id, CL_DEVICE_UUID_KHR).ok()?;
@@ -137,7 +166,7 @@ impl Device {
     pub fn open(info: &DeviceInfo) -> Result<Device> {
         let refused = |what: &str, error| Error::Device {
             device: info.name.clone(),
-            problem: format!("the driver refuses {what}: {}; try another device with --device", code(error)),
+            problem: format!("the driver refuses {what}: {}; leave it out with --devices", code(error)),
         };
         if let Some(why) = &info.unusable {
             return Err(Error::Device {
@@ -173,6 +202,11 @@ impl Device {
         &self.0.info
     }
 
+    /// Whether the driver still says that the device is there.
+    pub fn is_available(&self) -> bool {
+        cl3::device::get_device_info(self.id(), cl3::device::CL_DEVICE_AVAILABLE).map(u32::from) == Ok(1)
+    }
+
     /// Waits until everything in the queue is done.
     ///
     /// # Errors
@@ -203,7 +237,7 @@ impl Device {
         Error::Device {
             device: self.0.info.name.clone(),
             problem: format!(
-                "it {what}: {}; run `foveate devices` and try another with --device",
+                "it {what}: {}; run `foveate devices` and choose others with --devices",
                 code(error)
             ),
         }

@@ -391,12 +391,19 @@ fn create_instance(entry: &ash::Entry, layers: &[&CStr], extensions: &[&CStr]) -
     })
 }
 
-/// The family with graphics and compute.
-fn queue_family(instance: &ash::Instance, device: vk::PhysicalDevice) -> Option<u32> {
+/// The family with graphics and compute, for those who make their own device.
+pub fn queue_family(instance: &ash::Instance, device: vk::PhysicalDevice) -> Option<u32> {
     let wanted = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
     // SAFETY: the device belongs to the instance.
     let families = unsafe { instance.get_physical_device_queue_family_properties(device) };
     families.iter().position(|family| family.queue_flags.contains(wanted)).map(|index| index as u32)
+}
+
+/// The extensions to enable on a device, of those it offers, so that its memory can be shared.
+pub fn sharing_extensions(instance: &ash::Instance, device: vk::PhysicalDevice) -> Vec<&'static CStr> {
+    let wanted = [ash::ext::external_memory_host::NAME, ash::khr::external_memory_fd::NAME];
+    let offered = extensions_of(instance, device);
+    wanted.into_iter().filter(|name| offered.contains(*name)).collect()
 }
 
 fn extensions_of(instance: &ash::Instance, device: vk::PhysicalDevice) -> BTreeSet<CString> {
@@ -483,12 +490,7 @@ fn open(
     let family = queue_family(instance, physical)
         .ok_or_else(|| no_device(format!("{} has no queue for graphics and compute", found.name)))?;
     let mut extensions: Vec<&CStr> = options.device_extensions.iter().map(CString::as_c_str).collect();
-    if found.imports_host_memory {
-        extensions.push(ash::ext::external_memory_host::NAME);
-    }
-    if found.exports_fd {
-        extensions.push(ash::khr::external_memory_fd::NAME);
-    }
+    extensions.extend(sharing_extensions(instance, physical));
     let extensions: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
     let info =

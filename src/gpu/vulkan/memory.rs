@@ -203,6 +203,19 @@ impl HostBuffer {
         unsafe { bytes.as_mut_ptr().copy_from_nonoverlapping(self.as_ptr().add(offset), bytes.len()) };
         values
     }
+
+    /// Copies every `step`-th of the first `count` values of the buffer.
+    ///
+    /// # Panics
+    /// If they reach beyond the buffer, or `step` is 0.
+    pub fn read_sparse<T: Pod>(&self, count: usize, step: usize) -> Vec<T> {
+        let fits = count.checked_mul(size_of::<T>()).is_some_and(|end| end <= self.len());
+        assert!(fits, "a read of {count} values is too long");
+        let start = self.as_ptr().cast::<T>();
+        let _copying = lock(&self.0.copying);
+        // SAFETY: indices are below `count`, so each value lies in the mapping; any bytes are valid ones.
+        (0..count).step_by(step).map(|index| unsafe { start.add(index).read_unaligned() }).collect()
+    }
 }
 
 /// Memory that only the device reaches. Clones are the same memory.

@@ -14,7 +14,9 @@ mod swapchain;
 
 pub use ash::vk::Format;
 pub use commands::{Commands, Rect, StageTime};
-pub use context::{Context, ContextOptions, DeviceKind, DeviceReport, RawContext, devices};
+pub use context::{
+    Context, ContextOptions, DeviceKind, DeviceReport, RawContext, devices, queue_family, sharing_extensions,
+};
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
 pub use pipeline::{ComputePipeline, PassPipeline, Shader};

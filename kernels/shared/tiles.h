@@ -1,0 +1,17 @@
+// A part of a view is a run of tiles along the pattern's order. Blocks of a tile are work-items, and so
+// are its rows.
+
+#define TILE 16u
+#define BLOCKS_PER_TILE 4u
+
+// The upper left pixel of block `item` of the tiles first .. first + count; false where there is none.
+static bool block_corner(const Camera *camera, __global const uint *tiles, uint first, uint count, uint item,
+                         uint *left, uint *top)
+{
+    if (item >= count * BLOCKS_PER_TILE)
+        return false;
+    uint across = (camera->width + TILE - 1u) / TILE, tile = tiles[first + item / BLOCKS_PER_TILE];
+    *left = tile % across * TILE + (item & 1u) * BLOCK;
+    *top = tile / across * TILE + (item >> 1 & 1u) * BLOCK;
+    return *left < camera->width && *top < camera->height;
+}

@@ -1,0 +1,70 @@
+//! `foveate run`: a scene in the headset of the active OpenXR runtime.
+
+mod present;
+mod stats;
+mod wearer;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::mock::stereo_defaults;
+use super::options::RenderOptions;
+use super::output;
+use crate::config::Layers;
+use crate::error::{Error, Result};
+use crate::frame::Loaded;
+use crate::headset::openxr::{Fault, Runtime};
+
+pub use present::Presentation;
+
+/// Arguments of `foveate run`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A glTF 2.0 file, .gltf or .glb.
+    scene: PathBuf,
+    /// End after this many pictures; otherwise Ctrl-C, or the runtime's own menu, ends.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    #[command(flatten)]
+    options: RenderOptions,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<()> {
+    let config = args.options.config_over(Layers::over(stereo_defaults()))?;
+    let stop = stop_signal()?;
+    // Whether there is a headset is known at once, and a scene may take long.
+    let runtime = Runtime::connect(config.headset.insets).map_err(Fault::into_error)?;
+    let loaded = Loaded::from_file(&args.scene, &config)?;
+    super::render::require_triangles(&args.scene, &loaded)?;
+    output::print_warnings(&loaded.warnings);
+    let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
+    let [width, height] = args.options.given_size()?;
+    let presentation = Presentation {
+        config: &config,
+        loaded: &loaded,
+        rest,
+        gaze: args.options.gaze(),
+        fov_y: args.options.fov_y(),
+        size: [width.map(|both| both.div_ceil(2)), height],
+        frames: args.frames,
+        quiet: args.options.config.json,
+        stop,
+    };
+    presentation.run(runtime)?.print(args.options.config.json)
+}
+
+/// Becomes true when the operator wants to leave: Ctrl-C or a signal to end. The second one ends at once.
+pub fn stop_signal() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = stop.clone();
+    let handler = move || {
+        if asked.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(handler)
+        .map_err(|e| Error::setting("Ctrl-C", format!("it cannot be listened to ({e}); start again")))?;
+    Ok(stop)
+}

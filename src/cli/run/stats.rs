@@ -1,0 +1,139 @@
+//! What a run in a headset was like.
+
+use serde::Serialize;
+
+use crate::cli::output::{self, Percentiles};
+use crate::error::Result;
+use crate::frame::{FrameReport, StageMs};
+use crate::measure::stats::percentile;
+
+/// Frames whose times are kept: the newest of a long run.
+const KEPT: usize = 100_000;
+
+/// One picture's times, in milliseconds.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// From its begin to its end.
+    pub frame_ms: f64,
+    /// From asking for the poses it was traced for to its end.
+    pub pose_ms: f64,
+    /// What the renderer did.
+    pub report: FrameReport,
+}
+
+/// Counts and times, while they come.
+#[derive(Default)]
+pub struct Stats {
+    /// Pictures presented.
+    pub frames: u64,
+    /// Of these, handed over before they were to be shown.
+    pub on_time: u64,
+    /// Display periods without a new picture, of sessions that have ended.
+    pub dropped: u64,
+    /// Sessions and runtimes lost.
+    pub losses: u32,
+    kept: Vec<Shown>,
+}
+
+impl Stats {
+    /// Counts a picture.
+    pub fn push(&mut self, shown: Shown, on_time: bool) {
+        let place = (self.frames % KEPT as u64) as usize;
+        if place < self.kept.len() {
+            self.kept[place] = shown;
+        } else {
+            self.kept.push(shown);
+        }
+        self.frames += 1;
+        self.on_time += u64::from(on_time);
+    }
+
+    /// Percentiles of a time of each picture.
+    pub fn times(&self, time: impl Fn(&Shown) -> f64) -> Percentiles {
+        Percentiles::of(&self.kept.iter().map(time).collect::<Vec<_>>())
+    }
+
+    /// Medians of the stages.
+    pub fn stages(&self) -> StageMs {
+        let median = |stage: &dyn Fn(&StageMs) -> f64| {
+            let times: Vec<f64> = self.kept.iter().map(|shown| stage(&shown.report.stages)).collect();
+            percentile(&times, 50.0).unwrap_or(0.0)
+        };
+        StageMs {
+            trace: median(&|s| s.trace),
+            shade: median(&|s| s.shade),
+            share: median(&|s| s.share),
+            reconstruct: median(&|s| s.reconstruct),
+        }
+    }
+
+    /// Samples of the newest picture.
+    pub fn samples(&self) -> usize {
+        self.kept.last().map_or(0, |shown| shown.report.samples)
+    }
+}
+
+/// One view of the headset.
+#[derive(Clone, Debug, Serialize)]
+pub struct ViewSummary {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Angles to the left, right, upper and lower edge, in degrees; those to the left and down are negative.
+    pub fov: [f64; 4],
+    /// Where the eye was for the last picture, in the scene's metres.
+    pub position: [f64; 3],
+    /// How it was turned: x, y, z, w of a unit quaternion.
+    pub rotation: [f64; 4],
+    /// Where it was sharp, in 0..1 of the picture from the upper left corner.
+    pub gaze: [f64; 2],
+    /// How much wider than usual the sharp region was: more than 1 while the eyes jump.
+    pub widening: f64,
+}
+
+/// What a run tells with `--json`.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    /// Pictures presented.
+    pub frames: u64,
+    /// Of these, handed over before they were to be shown.
+    pub on_time: u64,
+    /// Display periods without a new picture.
+    pub dropped: u64,
+    /// From a frame's begin to its end.
+    pub frame_ms: Percentiles,
+    /// From asking for poses to the frame's end.
+    pub pose_ms: Percentiles,
+    /// Medians of each stage.
+    pub stage_ms: StageMs,
+    /// The runtime's name and version.
+    pub runtime: String,
+    /// The headset's views.
+    pub views: Vec<ViewSummary>,
+    /// The images' format.
+    pub format: String,
+    /// Shaded samples of a frame.
+    pub samples: usize,
+    /// `zero-copy` or `staged`.
+    pub sharing: String,
+    /// The tracing device.
+    pub device: String,
+    /// The device that reconstructs and presents.
+    pub presenting_device: String,
+    /// Sessions and runtimes that were lost and found again.
+    pub losses: u32,
+}
+
+impl Summary {
+    /// Prints it as JSON, or as a line for people.
+    pub fn print(&self, json: bool) -> Result<()> {
+        if json {
+            return output::print_json(self);
+        }
+        output::print_line(&format!(
+            "{}: {} frames, {} on time, {} dropped; {:.1} ms a frame (median), {:.1} ms from poses to the end",
+            self.runtime, self.frames, self.on_time, self.dropped, self.frame_ms.p50, self.pose_ms.p50
+        ))
+    }
+}

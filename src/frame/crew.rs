@@ -1,0 +1,161 @@
+//! The devices that trace a frame's views, each its part.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::balance::{Balancer, Observation, Slice};
+use crate::error::{Error, Result};
+use crate::foveation::Part;
+use crate::gpu::opencl::Device;
+use crate::trace::{Done, Fleet, Job, State};
+
+/// How long a frame waits for a device to come back when none is left.
+const COMEBACK: Duration = Duration::from_secs(60);
+
+/// What a device did in a frame.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct DeviceShare {
+    /// Samples that it traced.
+    pub samples: u64,
+    /// Device time of camera rays and visibility, in milliseconds.
+    pub trace_ms: f64,
+    /// Device time of shading.
+    pub shade_ms: f64,
+    /// Copying its results, where they do not land in place.
+    pub copy_ms: f64,
+}
+
+/// What the devices did for one view.
+#[derive(Clone, Debug, Default)]
+pub struct ViewReport {
+    /// Camera rays and light rays.
+    pub rays: u64,
+    /// What each device did.
+    pub devices: Vec<DeviceShare>,
+}
+
+/// A fleet, and who gets which part of each view.
+pub struct Crew {
+    fleet: Fleet,
+    balancer: Balancer,
+    /// Writes results in place: the fleet's first device.
+    direct: Option<Device>,
+}
+
+impl Crew {
+    /// `direct` is the fleet's first device, where it writes results in place.
+    pub fn new(fleet: Fleet, direct: Option<Device>) -> Self {
+        Crew { balancer: Balancer::new(fleet.count()), fleet, direct }
+    }
+
+    /// The device that writes results in place, as long as it does.
+    pub fn direct(&self) -> Option<&Device> {
+        self.direct.as_ref()
+    }
+
+    /// The devices.
+    pub fn fleet(&self) -> &Fleet {
+        &self.fleet
+    }
+
+    /// Sentences for the operator, each once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        self.fleet.take_notes()
+    }
+
+    /// Has a view traced, whose results are in its landing afterwards. What a device leaves undone, the
+    /// others do at once.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] where no device is left.
+    pub fn trace(&mut self, job: &Arc<Job>) -> Result<ViewReport> {
+        self.fleet.refresh();
+        self.know_present();
+        let workload = &job.workload.clone();
+        let mut report = ViewReport { devices: vec![DeviceShare::default(); self.fleet.count()], rays: 0 };
+        let (mut job, mut done) = (job.clone(), Vec::new());
+        let mut parts = self.balancer.split(job.index, workload);
+        let mut lost = Vec::new();
+        loop {
+            if parts.is_empty() {
+                parts = self.wait_for_one(&job)?;
+                // What was done before is done anew.
+                (done, lost) = (Vec::new(), Vec::new());
+                continue;
+            }
+            let round = self.fleet.trace(&job, &parts);
+            done.extend(round.done);
+            lost.extend(round.lost);
+            let Some(part) = lost.pop() else { break };
+            self.know_present();
+            job = Arc::new(Job { direct: false, ..Job::clone(&job) });
+            parts = self.balancer.split_part(job.index, workload, part);
+        }
+        // Only now: the device that writes in place also describes tiles around its part.
+        done.iter().for_each(|(_, done)| job.landing.take(&job, done));
+        done.iter().for_each(|(device, done)| report.add(*device, done));
+        let observed: Vec<Observation> =
+            done.into_iter().map(|(device, done)| observation(device, done)).collect();
+        self.balancer.observe(job.index, workload, &job.landing.seen(workload), &observed);
+        Ok(report)
+    }
+
+    /// The whole view for a device that has come back, where all had left.
+    fn wait_for_one(&mut self, job: &Job) -> Result<Vec<(usize, Part)>> {
+        while self.fleet.wait(COMEBACK) {
+            self.know_present();
+            let parts = self.balancer.split(job.index, &job.workload);
+            if !parts.is_empty() {
+                return Ok(parts);
+            }
+        }
+        let problem = self.fleet.take_notes().join("; ");
+        Err(Error::NoDevice { kind: "OpenCL", problem: format!("none is left to trace with: {problem}") })
+    }
+
+    fn know_present(&mut self) {
+        for device in 0..self.fleet.count() {
+            self.balancer.set_present(device, *self.fleet.state(device) == State::Ready);
+        }
+        // A device that has failed may still write where it wrote, and another one takes its place.
+        if *self.fleet.state(0) != State::Ready {
+            self.direct = None;
+        }
+    }
+}
+
+impl ViewReport {
+    fn add(&mut self, device: usize, done: &Done) {
+        self.rays += done.rays;
+        let share = &mut self.devices[device];
+        share.samples += done.part.samples.len() as u64;
+        share.trace_ms += done.slices.iter().map(|(_, ms)| ms[0]).sum::<f64>();
+        share.shade_ms += done.slices.iter().map(|(_, ms)| ms[1]).sum::<f64>();
+        share.copy_ms += done.copy_ms;
+    }
+
+    /// The device that took longest.
+    pub fn slowest(&self) -> DeviceShare {
+        self.devices.iter().max_by(|a, b| a.busy_ms().total_cmp(&b.busy_ms())).cloned().unwrap_or_default()
+    }
+}
+
+impl DeviceShare {
+    /// All of its time, in milliseconds.
+    pub fn busy_ms(&self) -> f64 {
+        self.trace_ms + self.shade_ms + self.copy_ms
+    }
+
+    /// Adds what it did for another view.
+    pub fn add(&mut self, other: &DeviceShare) {
+        self.samples += other.samples;
+        self.trace_ms += other.trace_ms;
+        self.shade_ms += other.shade_ms;
+        self.copy_ms += other.copy_ms;
+    }
+}
+
+fn observation(device: usize, done: Done) -> Observation {
+    let slice = |(part, [pixels_ms, samples_ms]): (Part, [f64; 2])| Slice { part, pixels_ms, samples_ms };
+    Observation { device, slices: done.slices.into_iter().map(slice).collect(), overhead_ms: done.copy_ms }
+}

@@ -1,0 +1,125 @@
+//! What the wearer's hands do, as OpenXR actions, with bindings suggested for the usual controllers.
+
+use glam::DVec2;
+use openxr as xr;
+
+use super::convert;
+use super::fault::{Called, Outcome};
+use crate::headset::locomotion::Hands;
+
+/// Controllers, with where each action is found on them: to go, to turn, to teleport, to point.
+/// Paths are those of the OpenXR specification's interaction profiles.
+const CONTROLLERS: [(&str, [&str; 4]); 6] = [
+    (
+        "/interaction_profiles/valve/index_controller",
+        ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"],
+    ),
+    (
+        "/interaction_profiles/oculus/touch_controller",
+        ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"],
+    ),
+    (
+        "/interaction_profiles/htc/vive_controller",
+        ["left/input/trackpad", "right/input/trackpad", "right/input/trigger/value", "right/input/aim/pose"],
+    ),
+    (
+        "/interaction_profiles/microsoft/motion_controller",
+        [
+            "left/input/thumbstick",
+            "right/input/thumbstick",
+            "right/input/trigger/value",
+            "right/input/aim/pose",
+        ],
+    ),
+    (
+        "/interaction_profiles/bytedance/pico4_controller",
+        ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"],
+    ),
+    (
+        "/interaction_profiles/khr/simple_controller",
+        ["", "", "right/input/select/click", "right/input/aim/pose"],
+    ),
+];
+
+/// The actions of a session.
+pub struct Actions {
+    set: xr::ActionSet,
+    go: xr::Action<xr::Vector2f>,
+    turn: xr::Action<xr::Vector2f>,
+    teleport: xr::Action<bool>,
+    aim: xr::Action<xr::Posef>,
+    aim_space: xr::Space,
+}
+
+impl Actions {
+    /// Makes the actions and suggests bindings; controllers that a runtime does not know are left out.
+    /// The set is still to be attached.
+    ///
+    /// # Errors
+    /// Where session or runtime are lost.
+    pub fn new(instance: &xr::Instance, session: &xr::Session<xr::Vulkan>) -> Outcome<Actions> {
+        let set = instance
+            .create_action_set("wearer", "Moving through the scene", 0)
+            .called("xrCreateActionSet")?;
+        let go = set.create_action("go", "Go", &[]).called("xrCreateAction")?;
+        let turn = set.create_action("turn", "Turn", &[]).called("xrCreateAction")?;
+        let teleport = set.create_action("teleport", "Teleport", &[]).called("xrCreateAction")?;
+        let aim = set.create_action("aim", "Point", &[]).called("xrCreateAction")?;
+        for (profile, paths) in CONTROLLERS {
+            let path = |index: usize| {
+                let path: &str = paths[index];
+                (!path.is_empty())
+                    .then(|| instance.string_to_path(&format!("/user/hand/{path}")).ok())
+                    .flatten()
+            };
+            let bindings: Vec<xr::Binding> = [
+                path(0).map(|path| xr::Binding::new(&go, path)),
+                path(1).map(|path| xr::Binding::new(&turn, path)),
+                path(2).map(|path| xr::Binding::new(&teleport, path)),
+                path(3).map(|path| xr::Binding::new(&aim, path)),
+            ]
+            .into_iter()
+            .flatten()
+            .collect();
+            if let Ok(profile) = instance.string_to_path(profile) {
+                // A profile that the runtime does not know is none that its wearer holds.
+                let _ = instance.suggest_interaction_profile_bindings(profile, &bindings);
+            }
+        }
+        let aim_space =
+            aim.create_space(session, xr::Path::NULL, xr::Posef::IDENTITY).called("xrCreateActionSpace")?;
+        Ok(Actions { set, go, turn, teleport, aim, aim_space })
+    }
+
+    /// The set, to be attached and synchronised.
+    pub fn set(&self) -> &xr::ActionSet {
+        &self.set
+    }
+
+    /// What the hands do now; nothing where there are none, or another program has them.
+    pub fn hands(&self, session: &xr::Session<xr::Vulkan>, space: &xr::Space, time: xr::Time) -> Hands {
+        let stick = |action: &xr::Action<xr::Vector2f>| {
+            let state = action.state(session, xr::Path::NULL).ok().filter(|state| state.is_active);
+            let stick = state.map_or(DVec2::ZERO, |state| {
+                DVec2::new(state.current_state.x.into(), state.current_state.y.into())
+            });
+            if stick.is_finite() { stick.clamp(DVec2::NEG_ONE, DVec2::ONE) } else { DVec2::ZERO }
+        };
+        let teleport = self
+            .teleport
+            .state(session, xr::Path::NULL)
+            .is_ok_and(|state| state.is_active && state.current_state && state.changed_since_last_sync);
+        let aim = || {
+            let active = self.aim.is_active(session, xr::Path::NULL).unwrap_or(false);
+            let location = active.then(|| self.aim_space.locate(space, time).ok()).flatten()?;
+            let valid = xr::SpaceLocationFlags::ORIENTATION_VALID | xr::SpaceLocationFlags::POSITION_VALID;
+            location.location_flags.contains(valid).then(|| convert::pose(&location.pose))
+        };
+        Hands {
+            go: stick(&self.go),
+            turn: stick(&self.turn).x,
+            teleport,
+            aim: if teleport { aim() } else { None },
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! Headsets behind an OpenXR runtime, such as SteamVR or Monado.
+//!
+//! [`Runtime`] is the runtime with its headset, and makes the one Vulkan device that reconstructs and
+//! presents. [`Session`] follows the runtime's states, paces frames and hands out swapchain images to
+//! draw into. What is lost on the way is a [`Fault`], which says what has to be built anew.
+
+mod actions;
+mod clock;
+mod convert;
+mod extras;
+mod fault;
+mod gaze;
+mod lifecycle;
+mod runtime;
+mod session;
+mod swapchain;
+mod visibility;
+mod vulkan;
+mod waiter;
+
+pub use clock::FrameClock;
+pub use fault::{Fault, Outcome};
+pub use gaze::Gaze;
+pub use runtime::Runtime;
+pub use session::{EyeView, Frame, Next, Options, Session};
+pub use visibility::HiddenMesh;

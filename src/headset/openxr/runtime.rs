@@ -1,0 +1,131 @@
+//! The active runtime and its headset.
+#![allow(unsafe_code)]
+
+use openxr as xr;
+
+use super::fault::{Called, Fault, Outcome};
+use super::vulkan;
+use crate::error::Error;
+use crate::gpu::vulkan::Context;
+
+/// Stereo with a sharp inset for each eye, of OpenXR 1.1 and XR_VARJO_quad_views.
+const QUAD: xr::ViewConfigurationType = xr::ViewConfigurationType::PRIMARY_STEREO_WITH_FOVEATED_INSET;
+
+/// A runtime that answers, with a headset.
+pub struct Runtime {
+    pub(super) instance: xr::Instance,
+    pub(super) system: xr::SystemId,
+    pub(super) views: xr::ViewConfigurationType,
+    pub(super) sizes: Vec<xr::ViewConfigurationView>,
+    pub(super) blend: xr::EnvironmentBlendMode,
+    name: String,
+}
+
+impl Runtime {
+    /// Connects to the active runtime.
+    ///
+    /// # Errors
+    /// [`Fault::Fatal`] with the next step where there is no loader, no runtime, or one without Vulkan;
+    /// [`Fault::Instance`] where it does not answer, [`Fault::Session`] where it has no headset now.
+    ///
+    /// With `insets`, a headset that has a sharp inset for each eye gets four views.
+    pub fn connect(insets: bool) -> Outcome<Runtime> {
+        // SAFETY: the library of this name is the system's OpenXR loader, which is trusted.
+        let entry = unsafe { xr::Entry::load(&()) }.map_err(|_| {
+            missing("the OpenXR loader is not installed; install libopenxr-loader1, and SteamVR or Monado")
+        })?;
+        let offered = entry.enumerate_extensions().map_err(unanswered)?;
+        if !offered.khr_vulkan_enable2 {
+            return Err(missing("the active runtime lacks XR_KHR_vulkan_enable2; use SteamVR or Monado"));
+        }
+        let instance = create_instance(&entry, &wanted(&offered)).map_err(unanswered)?;
+        let properties = instance.properties().called("xrGetInstanceProperties")?;
+        let name = format!("{} {}", properties.runtime_name, properties.runtime_version);
+        let system = instance.system(xr::FormFactor::HEAD_MOUNTED_DISPLAY).map_err(|code| match code {
+            xr::sys::Result::ERROR_FORM_FACTOR_UNAVAILABLE => {
+                Fault::Session(format!("{name} finds no headset; plug it in and switch it on"))
+            }
+            code => Fault::of("xrGetSystem", code),
+        })?;
+        let views = choose_views(&instance, system, insets)?;
+        let sizes = instance
+            .enumerate_view_configuration_views(system, views)
+            .called("xrEnumerateViewConfigurationViews")?;
+        let blend = instance
+            .enumerate_environment_blend_modes(system, views)
+            .called("xrEnumerateEnvironmentBlendModes")?
+            .first()
+            .copied()
+            .unwrap_or(xr::EnvironmentBlendMode::OPAQUE);
+        Ok(Runtime { instance, system, views, sizes, blend, name })
+    }
+
+    /// Makes the Vulkan device that the runtime presents from.
+    ///
+    /// # Errors
+    /// Where the runtime or the driver refuses.
+    pub fn open_context(&self) -> Outcome<Context> {
+        vulkan::open(&self.instance, self.system)
+    }
+
+    /// Name and version.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+fn missing(problem: &str) -> Fault {
+    Error::NoDevice { kind: "OpenXR", problem: problem.into() }.into()
+}
+
+/// No runtime is installed, or it cannot be reached.
+fn unanswered(code: xr::sys::Result) -> Fault {
+    if code == xr::sys::Result::ERROR_RUNTIME_UNAVAILABLE {
+        return missing("no runtime is active; install SteamVR or Monado and make it the active one");
+    }
+    Fault::Instance(format!("the active runtime does not answer ({code:?}); start SteamVR or monado-service"))
+}
+
+/// Of the extensions that are offered, those that this program uses.
+fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
+    let mut wanted = xr::ExtensionSet::default();
+    wanted.khr_vulkan_enable2 = true;
+    wanted.khr_convert_timespec_time = offered.khr_convert_timespec_time;
+    wanted.khr_visibility_mask = offered.khr_visibility_mask;
+    wanted.ext_eye_gaze_interaction = offered.ext_eye_gaze_interaction;
+    wanted.ext_performance_settings = offered.ext_performance_settings;
+    wanted.fb_display_refresh_rate = offered.fb_display_refresh_rate;
+    wanted.varjo_quad_views = offered.varjo_quad_views;
+    wanted
+}
+
+/// An instance of OpenXR 1.1, or 1.0 where the runtime is older.
+fn create_instance(entry: &xr::Entry, extensions: &xr::ExtensionSet) -> xr::Result<xr::Instance> {
+    let create = |minor| {
+        let application = xr::ApplicationInfo {
+            application_name: "foveate",
+            application_version: 1,
+            engine_name: "foveate",
+            engine_version: 1,
+            api_version: xr::Version::new(1, minor, 0),
+        };
+        entry.create_instance(&application, extensions, &[], &())
+    };
+    match create(1) {
+        Err(xr::sys::Result::ERROR_API_VERSION_UNSUPPORTED) => create(0),
+        made => made,
+    }
+}
+
+/// The best view configuration of those listed.
+fn choose_views(
+    instance: &xr::Instance,
+    system: xr::SystemId,
+    insets: bool,
+) -> Outcome<xr::ViewConfigurationType> {
+    let listed = instance.enumerate_view_configurations(system).called("xrEnumerateViewConfigurations")?;
+    [QUAD, xr::ViewConfigurationType::PRIMARY_STEREO]
+        .into_iter()
+        .find(|kind| listed.contains(kind) && (insets || *kind != QUAD))
+        .ok_or_else(|| missing("the headset shows no two views; use one that does"))
+}

@@ -1,0 +1,357 @@
+//! A session: states, frames, views, images.
+
+use std::time::{Duration, Instant};
+
+use ash::vk;
+use openxr as xr;
+
+use super::actions::Actions;
+use super::clock::FrameClock;
+use super::fault::{Called, Fault, Outcome};
+use super::gaze::{self, EyeTracker, Gaze};
+use super::lifecycle::{Duty, Lifecycle};
+use super::runtime::Runtime;
+use super::swapchain::{ViewImages, choose_format};
+use super::visibility::HiddenMesh;
+use super::waiter::Waiter;
+use super::{convert, extras, vulkan};
+use crate::gpu::vulkan::{Context, Target};
+use crate::headset::locomotion::Hands;
+use crate::math::pose::Pose;
+use crate::math::view::FieldOfView;
+
+/// How long one look for a frame lasts before events are looked for again.
+const PATIENCE: Duration = Duration::from_millis(50);
+/// How long a runtime may take to end a session that was asked to exit.
+const EXIT_PATIENCE: Duration = Duration::from_secs(10);
+
+/// What is to be done next.
+pub enum Next {
+    /// Render, or not, and end this frame.
+    Frame(Frame),
+    /// Nothing: look again.
+    Pause,
+    /// Leave.
+    End,
+}
+
+/// A frame that has begun.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// For which poses are asked: the predicted display time, or a better guess, in nanoseconds.
+    pub time: i64,
+    /// Whether the wearer will see it.
+    pub should_render: bool,
+    /// When it began.
+    pub began: Instant,
+    /// What the runtime wants to be told at its end.
+    display_time: xr::Time,
+}
+
+/// What a view sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EyeView {
+    /// Where the eye is in the session's space: at rest near its origin, +Y up, -Z ahead.
+    pub space_from_eye: Pose,
+    /// Its field of view.
+    pub fov: FieldOfView,
+}
+
+/// What a session is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Pixels across and down of each view instead of what the runtime recommends.
+    pub size: [Option<u32>; 2],
+    /// Use an eye tracker where there is one.
+    pub gaze: bool,
+    /// Pictures a second to ask the headset for; 0 for its own choice.
+    pub refresh_hz: f64,
+}
+
+/// A session with the runtime.
+pub struct Session {
+    // In the order in which they end.
+    images: Vec<ViewImages>,
+    actions: Actions,
+    eyes: Option<EyeTracker>,
+    space: xr::Space,
+    waiter: Waiter,
+    stream: xr::FrameStream<xr::Vulkan>,
+    session: xr::Session<xr::Vulkan>,
+    instance: xr::Instance,
+    views: xr::ViewConfigurationType,
+    blend: xr::EnvironmentBlendMode,
+    format: vk::Format,
+    life: Lifecycle,
+    clock: FrameClock,
+    exit: Option<Instant>,
+    ended: bool,
+    located: Vec<EyeView>,
+    hidden: Vec<HiddenMesh>,
+    masks: u64,
+}
+
+impl Session {
+    /// Opens a session that presents from the runtime's device.
+    ///
+    /// # Errors
+    /// Where the runtime or the device refuses.
+    pub fn new(runtime: &Runtime, context: &Context, options: &Options) -> Outcome<Session> {
+        let (session, waiter, stream) = vulkan::session(&runtime.instance, runtime.system, context)?;
+        let waiter = Waiter::new(waiter);
+        let space = session
+            .create_reference_space(xr::ReferenceSpaceType::LOCAL, xr::Posef::IDENTITY)
+            .called("xrCreateReferenceSpace")?;
+        let actions = Actions::new(&runtime.instance, &session)?;
+        let tracked = options.gaze && gaze::supported(&runtime.instance, runtime.system);
+        let eyes = if tracked { EyeTracker::new(&runtime.instance, &session)? } else { None };
+        let sets: Vec<_> = [actions.set()].into_iter().chain(eyes.as_ref().map(EyeTracker::set)).collect();
+        session.attach_action_sets(&sets).called("xrAttachSessionActionSets")?;
+        extras::request(&session, options.refresh_hz);
+        let hidden = extras::hidden(&session, runtime.views, runtime.sizes.len());
+        let format = choose_format(&session)?;
+        let limit = context.image_size_limit();
+        let fit = |wanted: Option<u32>, recommended: u32, most: u32| {
+            wanted.unwrap_or(recommended).clamp(1, most.min(limit).max(1))
+        };
+        let images = runtime
+            .sizes
+            .iter()
+            .map(|view| {
+                let width =
+                    fit(options.size[0], view.recommended_image_rect_width, view.max_image_rect_width);
+                let height =
+                    fit(options.size[1], view.recommended_image_rect_height, view.max_image_rect_height);
+                ViewImages::new(&session, context, format, (width, height))
+            })
+            .collect::<Outcome<Vec<_>>>()?;
+        Ok(Session {
+            images,
+            actions,
+            eyes,
+            space,
+            waiter,
+            stream,
+            session,
+            instance: runtime.instance.clone(),
+            views: runtime.views,
+            blend: runtime.blend,
+            format,
+            life: Lifecycle::default(),
+            clock: FrameClock::default(),
+            exit: None,
+            ended: false,
+            located: Vec::new(),
+            hidden,
+            masks: 0,
+        })
+    }
+
+    /// Pixels of each view.
+    pub fn sizes(&self) -> Vec<(u32, u32)> {
+        self.images.iter().map(ViewImages::size).collect()
+    }
+
+    /// The format of all images.
+    pub fn format(&self) -> vk::Format {
+        self.format
+    }
+
+    /// What the lenses hide of each view, and a number that grows when that changes.
+    pub fn hidden(&self) -> (&[HiddenMesh], u64) {
+        (&self.hidden, self.masks)
+    }
+
+    /// Whether an eye tracker is used.
+    pub fn tracks_eyes(&self) -> bool {
+        self.eyes.is_some()
+    }
+
+    /// What the runtime's times have told so far.
+    pub fn clock(&self) -> &FrameClock {
+        &self.clock
+    }
+
+    /// Asks the runtime to end the session; frames go on, without pictures, until it does.
+    pub fn request_exit(&mut self) {
+        if self.exit.is_none() {
+            self.exit = Some(Instant::now());
+            // A session that does not run yet simply ends.
+            self.ended |= self.session.request_exit().is_err();
+        }
+    }
+
+    /// Whether [`Session::request_exit`] was called.
+    pub fn exiting(&self) -> bool {
+        self.exit.is_some()
+    }
+
+    /// Handles events, waits for the next frame and begins it.
+    ///
+    /// # Errors
+    /// Where session or runtime are lost.
+    pub fn next_frame(&mut self) -> Outcome<Next> {
+        self.poll()?;
+        if self.ended || self.exit.is_some_and(|asked| asked.elapsed() > EXIT_PATIENCE) {
+            return Ok(Next::End);
+        }
+        if !self.life.running() {
+            std::thread::sleep(PATIENCE / 5);
+            return Ok(Next::Pause);
+        }
+        self.waiter.ask();
+        let Some(state) = self.waiter.take(PATIENCE)? else { return Ok(Next::Pause) };
+        let frame = self.begin(state)?;
+        // The next frame is waited for while this one is traced.
+        self.waiter.ask();
+        Ok(Next::Frame(frame))
+    }
+
+    fn begin(&mut self, state: xr::FrameState) -> Outcome<Frame> {
+        self.stream.begin().called("xrBeginFrame")?;
+        let predicted = state.predicted_display_time.as_nanos();
+        let time = self.clock.frame(predicted, state.predicted_display_period.as_nanos());
+        // Zero and less are no times, and xrEndFrame refuses them even where they came from the runtime.
+        let display_time = xr::Time::from_nanos(if predicted > 0 { predicted } else { time });
+        let should_render = state.should_render && self.exit.is_none();
+        Ok(Frame { time, should_render, began: Instant::now(), display_time })
+    }
+
+    fn poll(&mut self) -> Outcome<()> {
+        let instance = self.instance.clone();
+        let mut buffer = xr::EventDataBuffer::new();
+        while let Some(event) = instance.poll_event(&mut buffer).called("xrPollEvent")? {
+            match event {
+                xr::Event::SessionStateChanged(change) => self.enter(change.state())?,
+                xr::Event::InstanceLossPending(_) => {
+                    return Err(Fault::Instance("the OpenXR runtime is about to end".into()));
+                }
+                xr::Event::VisibilityMaskChangedKHR(_) => {
+                    self.hidden = extras::hidden(&self.session, self.views, self.images.len());
+                    self.masks += 1;
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn enter(&mut self, state: xr::SessionState) -> Outcome<()> {
+        match self.life.enter(state) {
+            Duty::None => {}
+            Duty::Begin => {
+                self.clock.pause();
+                self.session.begin(self.views).called("xrBeginSession")?;
+            }
+            Duty::End => {
+                self.finish_frames()?;
+                self.session.end().called("xrEndSession")?;
+            }
+            Duty::Exit => self.ended = true,
+            Duty::Rebuild => return Err(Fault::Session("the OpenXR session is about to be lost".into())),
+        }
+        Ok(())
+    }
+
+    /// Takes the frame that is still waited for, so that every wait has its begin and end.
+    fn finish_frames(&mut self) -> Outcome<()> {
+        if self.waiter.asked()
+            && let Some(state) = self.waiter.take(EXIT_PATIENCE)?
+        {
+            let frame = self.begin(state)?;
+            self.end(&frame, None)?;
+        }
+        Ok(())
+    }
+
+    /// Where the views are at a time. What the runtime does not know is what it knew last; `None` where
+    /// it never knew anything.
+    ///
+    /// # Errors
+    /// Where session or runtime are lost.
+    pub fn locate(&mut self, time: i64) -> Outcome<Option<Vec<EyeView>>> {
+        let time = xr::Time::from_nanos(time);
+        let (flags, views) = match self.session.locate_views(self.views, time, &self.space) {
+            Ok(found) => found,
+            Err(xr::sys::Result::ERROR_TIME_INVALID) => (xr::ViewStateFlags::EMPTY, Vec::new()),
+            Err(code) => return Err(Fault::of("xrLocateViews", code)),
+        };
+        let turned = flags.contains(xr::ViewStateFlags::ORIENTATION_VALID);
+        let placed = flags.contains(xr::ViewStateFlags::POSITION_VALID);
+        let known = views.len() == self.images.len() && turned;
+        if known {
+            let eye = |(index, view): (usize, &xr::View)| {
+                let last = self.located.get(index);
+                let fov = convert::field_of_view(&view.fov).or(last.map(|eye| eye.fov))?;
+                let mut pose = convert::pose(&view.pose);
+                if !placed {
+                    pose.position = last.map_or(pose.position, |eye| eye.space_from_eye.position);
+                }
+                Some(EyeView { space_from_eye: pose, fov })
+            };
+            if let Some(located) = views.iter().enumerate().map(eye).collect() {
+                self.located = located;
+            }
+        }
+        Ok((!self.located.is_empty()).then(|| self.located.clone()))
+    }
+
+    /// What hands and eyes do at a time: to be asked once a frame.
+    ///
+    /// # Errors
+    /// Where session or runtime are lost.
+    pub fn input(&mut self, time: i64) -> Outcome<(Hands, Option<Gaze>)> {
+        let time = xr::Time::from_nanos(time);
+        let sets: Vec<xr::ActiveActionSet> = [self.actions.set()]
+            .into_iter()
+            .chain(self.eyes.as_ref().map(EyeTracker::set))
+            .map(xr::ActiveActionSet::new)
+            .collect();
+        self.session.sync_actions(&sets).called("xrSyncActions")?;
+        let look = |eyes: &EyeTracker| eyes.look(&self.session, &self.space, time);
+        let gaze = self.eyes.as_ref().map(look).transpose()?;
+        Ok((self.actions.hands(&self.session, &self.space, time), gaze))
+    }
+
+    /// Gets an image of each view to draw into.
+    ///
+    /// # Errors
+    /// Where session or runtime are lost.
+    pub fn acquire(&mut self) -> Outcome<Vec<Target>> {
+        self.images.iter_mut().map(|images| images.acquire().cloned()).collect()
+    }
+
+    /// Ends a frame, and tells whether that was before it is to be shown. `shown` are the views as they
+    /// were drawn into the images acquired; without them the wearer sees nothing.
+    ///
+    /// # Errors
+    /// Where session or runtime are lost.
+    pub fn end(&mut self, frame: &Frame, shown: Option<&[EyeView]>) -> Outcome<bool> {
+        for images in &mut self.images {
+            images.release()?;
+        }
+        let views: Vec<_> = shown
+            .unwrap_or_default()
+            .iter()
+            .zip(&self.images)
+            .map(|(eye, images)| {
+                xr::CompositionLayerProjectionView::new()
+                    .pose(convert::posef(eye.space_from_eye))
+                    .fov(convert::fovf(&eye.fov))
+                    .sub_image(images.sub_image())
+            })
+            .collect();
+        let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
+        let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
+        let ended = self.stream.end(frame.display_time, self.blend, layers).called("xrEndFrame");
+        ended.map_err(Fault::spoilt)?;
+        let now =
+            self.instance.exts().khr_convert_timespec_time.as_ref().and_then(|_| self.instance.now().ok());
+        Ok(match now {
+            Some(now) => now.as_nanos() <= frame.time,
+            None => {
+                self.clock.period().is_none_or(|period| frame.began.elapsed().as_nanos() <= period as u128)
+            }
+        })
+    }
+}

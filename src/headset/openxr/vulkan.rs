@@ -1,0 +1,130 @@
+//! The Vulkan device that the runtime presents from, made through XR_KHR_vulkan_enable2.
+#![allow(unsafe_code)]
+
+use ash::vk::{self, Handle};
+use openxr as xr;
+
+use super::fault::{Called, Fault, Outcome};
+use crate::error::Error;
+use crate::gpu::vulkan::{Context, RawContext, queue_family, sharing_extensions};
+
+/// Makes instance and device as the runtime wants them.
+pub fn open(instance: &xr::Instance, system: xr::SystemId) -> Outcome<Context> {
+    let wanted = xr::Version::new(1, 1, 0);
+    let offered =
+        instance.graphics_requirements::<xr::Vulkan>(system).called("xrGetVulkanGraphicsRequirements2KHR")?;
+    if offered.min_api_version_supported > xr::Version::new(1, 3, u32::MAX)
+        || wanted.major() > offered.max_api_version_supported.major()
+    {
+        return Err(missing(format!(
+            "the OpenXR runtime wants Vulkan {} to {}; update this program or the runtime",
+            offered.min_api_version_supported, offered.max_api_version_supported
+        )));
+    }
+    let least = offered.min_api_version_supported.max(wanted);
+    // SAFETY: loading runs the initialisers of the system's Vulkan loader, which is trusted.
+    let entry = unsafe { ash::Entry::load() }.map_err(|_| {
+        missing("the Vulkan loader is not installed; install libvulkan1 and your GPU's driver".into())
+    })?;
+    let raw_instance = create_instance(&entry, instance, system, least)?;
+    // SAFETY: the handle is a valid instance made with this loader.
+    let vulkan = unsafe { ash::Instance::load(entry.static_fn(), raw_instance) };
+    match create_device(&entry, &vulkan, instance, system) {
+        Ok((physical_device, device, queue_family)) => {
+            let raw =
+                RawContext { entry, instance: vulkan, physical_device, device, queue_family, owned: true };
+            // SAFETY: the handles are valid, belong together, and are nobody else's to destroy; the
+            // runtime uses the queue inside its calls only, which are made while no one submits.
+            Ok(unsafe { Context::from_raw(raw) })
+        }
+        Err(fault) => {
+            // SAFETY: nothing was made from the instance.
+            unsafe { vulkan.destroy_instance(None) };
+            Err(fault)
+        }
+    }
+}
+
+fn missing(problem: String) -> Fault {
+    Error::NoDevice { kind: "Vulkan", problem }.into()
+}
+
+fn refused(what: &str, code: i32) -> Fault {
+    missing(format!(
+        "the OpenXR runtime could not make a Vulkan {what} ({}); check the GPU's driver with vulkaninfo",
+        vk::Result::from_raw(code)
+    ))
+}
+
+fn create_instance(
+    entry: &ash::Entry,
+    instance: &xr::Instance,
+    system: xr::SystemId,
+    version: xr::Version,
+) -> Outcome<vk::Instance> {
+    let application = vk::ApplicationInfo::default()
+        .application_name(c"foveate")
+        .engine_name(c"foveate")
+        .api_version(vk::make_api_version(0, version.major().into(), version.minor().into(), 0));
+    let info = vk::InstanceCreateInfo::default().application_info(&application);
+    // SAFETY: the loader's own function, under the same calling convention by another name; the info
+    // outlives the call.
+    let made = unsafe {
+        let get = std::mem::transmute::<
+            vk::PFN_vkGetInstanceProcAddr,
+            xr::sys::platform::VkGetInstanceProcAddr,
+        >(entry.static_fn().get_instance_proc_addr);
+        instance.create_vulkan_instance(system, get, (&raw const info).cast())
+    };
+    let handle = made.called("xrCreateVulkanInstanceKHR")?.map_err(|code| refused("instance", code))?;
+    Ok(vk::Instance::from_raw(handle as _))
+}
+
+fn create_device(
+    entry: &ash::Entry,
+    vulkan: &ash::Instance,
+    instance: &xr::Instance,
+    system: xr::SystemId,
+) -> Outcome<(vk::PhysicalDevice, ash::Device, u32)> {
+    // SAFETY: the instance was made by xrCreateVulkanInstanceKHR.
+    let physical = unsafe { instance.vulkan_graphics_device(system, vulkan.handle().as_raw() as _) }
+        .called("xrGetVulkanGraphicsDevice2KHR")?;
+    let physical = vk::PhysicalDevice::from_raw(physical as _);
+    let family = queue_family(vulkan, physical).ok_or_else(|| {
+        missing("the OpenXR runtime's has no queue for graphics and compute; update the GPU's driver".into())
+    })?;
+    let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
+    let extensions: Vec<_> = sharing_extensions(vulkan, physical).iter().map(|name| name.as_ptr()).collect();
+    let info =
+        vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
+    // SAFETY: as for the instance; the extensions are offered by the device.
+    let made = unsafe {
+        let get = std::mem::transmute::<
+            vk::PFN_vkGetInstanceProcAddr,
+            xr::sys::platform::VkGetInstanceProcAddr,
+        >(entry.static_fn().get_instance_proc_addr);
+        instance.create_vulkan_device(system, get, physical.as_raw() as _, (&raw const info).cast())
+    };
+    let handle = made.called("xrCreateVulkanDeviceKHR")?.map_err(|code| refused("device", code))?;
+    // SAFETY: the handle is a valid device of this instance.
+    let device = unsafe { ash::Device::load(vulkan.fp_v1_0(), vk::Device::from_raw(handle as _)) };
+    Ok((physical, device, family))
+}
+
+/// A session that presents from the context's device, which outlives it.
+pub fn session(
+    instance: &xr::Instance,
+    system: xr::SystemId,
+    context: &Context,
+) -> Outcome<(xr::Session<xr::Vulkan>, xr::FrameWaiter, xr::FrameStream<xr::Vulkan>)> {
+    let info = xr::vulkan::SessionCreateInfo {
+        instance: context.instance().handle().as_raw() as _,
+        physical_device: context.physical_device().as_raw() as _,
+        device: context.device().handle().as_raw() as _,
+        queue_family_index: context.queue_family(),
+        queue_index: 0,
+    };
+    // SAFETY: the handles were made for this system through this instance, and live as long as the guard.
+    unsafe { instance.create_session_with_guard::<xr::Vulkan>(system, &info, Box::new(context.clone())) }
+        .called("xrCreateSession")
+}

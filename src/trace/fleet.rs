@@ -1,0 +1,335 @@
+//! Several devices that share each frame. Each has a thread of its own, which opens it, traces its parts,
+//! and opens it anew after a failure: a driver that hangs holds nobody up but itself.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::hand::{DeviceHand, Done, Hand, Job};
+use super::{SceneData, Walk};
+use crate::error::{Error, Result};
+use crate::foveation::Part;
+use crate::gpu::opencl::Device;
+
+/// Opens a hand: called on the hand's own thread, at start and again after a failure. The number counts the
+/// times.
+pub type Opener = Box<dyn Fn(u32) -> Result<Box<dyn Hand>> + Send>;
+
+/// How long devices may take to open: drivers build kernels meanwhile.
+const OPENING: Duration = Duration::from_secs(600);
+/// How long a device's first part may take: some drivers build kernels at the first launch.
+const FIRST_PART: Duration = Duration::from_secs(300);
+/// A part may take this long at least, and this many times as long as parts have taken lately.
+const PATIENCE: Duration = Duration::from_secs(3);
+const PATIENCE_FACTOR: f64 = 20.0;
+/// A failed device is tried again after this time, which doubles with each failure.
+const RETRY: Duration = Duration::from_millis(500);
+const RETRY_LONGEST: Duration = Duration::from_secs(60);
+
+/// Where a device stands.
+#[derive(Clone, Debug, PartialEq)]
+pub enum State {
+    /// It is being opened, or opened anew.
+    Opening,
+    /// It takes part.
+    Ready,
+    /// It has not answered in time, and may still.
+    Late,
+    /// It does not take part, and why.
+    Out(String),
+}
+
+/// Devices that trace together.
+pub struct Fleet {
+    members: Vec<Member>,
+    answers: Receiver<(usize, Answer)>,
+    round: u64,
+    notes: Vec<String>,
+}
+
+struct Member {
+    name: String,
+    orders: Option<Sender<Order>>,
+    thread: Option<JoinHandle<()>>,
+    state: State,
+    /// How long its last parts took, in seconds; none before the first.
+    usual: Option<f64>,
+    /// It has failed since it was first opened.
+    failed: bool,
+}
+
+struct Order {
+    round: u64,
+    job: Arc<Job>,
+    part: Part,
+}
+
+enum Answer {
+    Opened(std::result::Result<(), String>),
+    /// The round that it belongs to, and the result.
+    Traced(u64, std::result::Result<Box<Done>, String>),
+}
+
+/// What became of a round's parts.
+#[derive(Debug, Default)]
+pub struct Round {
+    /// Parts that are done, with the index of the device.
+    pub done: Vec<(usize, Done)>,
+    /// Parts that devices have left undone.
+    pub lost: Vec<Part>,
+}
+
+impl Fleet {
+    /// Opens devices, each with a variant of the kernels, the first of which may write landings in place (`direct`).
+    ///
+    /// # Errors
+    /// Where none of them can be used: the first one's reason.
+    pub fn of_devices(devices: &[(Device, Walk)], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
+        let opener = |(index, (device, walk)): (usize, &(Device, Walk))| {
+            let (device, walk, data) = (device.clone(), *walk, data.clone());
+            let mut name = device.info().name.clone();
+            let twin = |other: &&(Device, Walk)| other.0.info().name == name;
+            if devices.iter().filter(twin).count() > 1 {
+                name += &format!(" (number {})", devices[..=index].iter().filter(twin).count());
+            }
+            let open: Opener = Box::new(move |times| {
+                Ok(Box::new(match times {
+                    0 => DeviceHand::new(&device, &data, walk, direct && index == 0)?,
+                    _ => DeviceHand::reopen(device.info(), &data, walk)?,
+                }))
+            });
+            (name, open)
+        };
+        Self::new(devices.iter().enumerate().map(opener).collect())
+    }
+
+    /// Opens hands by their names, and waits until each can be used or not.
+    ///
+    /// # Errors
+    /// Where none of them can be used: the first one's reason.
+    pub fn new(openers: Vec<(String, Opener)>) -> Result<Fleet> {
+        let (answer, answers) = channel();
+        let members = openers.into_iter().enumerate().map(|(index, (name, open))| {
+            let (orders, received) = channel();
+            let answer = answer.clone();
+            let work = move || work(index, &open, &received, &answer);
+            let thread = std::thread::Builder::new().name(format!("device {index}")).spawn(work).ok();
+            let state = match thread {
+                Some(_) => State::Opening,
+                None => State::Out(format!("{name}: there is no thread for it; end other programs")),
+            };
+            Member { name, orders: Some(orders), thread, state, usual: None, failed: false }
+        });
+        let mut fleet = Fleet { members: members.collect(), answers, round: 0, notes: Vec::new() };
+        fleet.wait_open();
+        if fleet.members.iter().any(|m| m.state == State::Ready) {
+            return Ok(fleet);
+        }
+        let problem = fleet.notes.first().cloned().unwrap_or_else(|| "there is none to open".to_string());
+        Err(Error::NoDevice { kind: "OpenCL", problem })
+    }
+
+    fn wait_open(&mut self) {
+        let deadline = Instant::now() + OPENING;
+        while self.members.iter().any(|m| m.state == State::Opening) {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.answers.recv_timeout(left) {
+                Ok((index, answer)) => drop(self.hear(index, answer)),
+                Err(_) => break,
+            }
+        }
+    }
+
+    /// The devices' names.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.members.iter().map(|m| m.name.as_str())
+    }
+
+    /// Number of devices, ready or not.
+    pub fn count(&self) -> usize {
+        self.members.len()
+    }
+
+    /// Where a device stands.
+    pub fn state(&self, device: usize) -> &State {
+        &self.members[device].state
+    }
+
+    /// What the operator should know of devices that have left or come back, once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
+    /// Waits until a device takes part, for so long at most; tells whether one does.
+    pub fn wait(&mut self, most: Duration) -> bool {
+        let deadline = Instant::now() + most;
+        while !self.members.iter().any(|m| m.state == State::Ready) {
+            match self.answers.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+                Ok((index, answer)) => drop(self.hear(index, answer)),
+                Err(_) => return false,
+            }
+        }
+        true
+    }
+
+    /// Hears of devices that have come back.
+    pub fn refresh(&mut self) {
+        while let Ok((index, answer)) = self.answers.try_recv() {
+            drop(self.hear(index, answer));
+        }
+    }
+
+    /// Has parts traced, all at the same time, and waits for them. A device that fails or is late leaves its
+    /// part undone.
+    pub fn trace(&mut self, job: &Arc<Job>, parts: &[(usize, Part)]) -> Round {
+        self.round += 1;
+        let (mut round, start) = (Round::default(), Instant::now());
+        let mut waiting: HashMap<usize, (Part, Instant)> = HashMap::new();
+        for (index, part) in parts {
+            let order = Order { round: self.round, job: job.clone(), part: part.clone() };
+            let member = &self.members[*index];
+            let send = |orders: &Sender<Order>| orders.send(order).is_ok();
+            if member.state == State::Ready && member.orders.as_ref().is_some_and(send) {
+                waiting.insert(*index, (part.clone(), start + member.patience()));
+            } else {
+                round.lost.push(part.clone());
+            }
+        }
+        while let Some(deadline) = waiting.values().map(|(_, deadline)| *deadline).min() {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.answers.recv_timeout(left) {
+                Ok((index, answer)) => {
+                    let done = self.hear(index, answer);
+                    if self.members[index].state != State::Ready {
+                        round.lost.extend(waiting.remove(&index).map(|(part, _)| part));
+                    } else if let Some(done) = done
+                        && waiting.remove(&index).is_some()
+                    {
+                        self.members[index].remember(start.elapsed());
+                        round.done.push((index, done));
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    let now = Instant::now();
+                    let late: Vec<usize> =
+                        waiting.iter().filter(|(_, w)| w.1 <= now).map(|(&index, _)| index).collect();
+                    for index in late {
+                        round.lost.extend(waiting.remove(&index).map(|(part, _)| part));
+                        self.members[index].state = State::Late;
+                        let name = &self.members[index].name;
+                        self.notes
+                            .push(format!("{name} does not answer; the others do its part until it does"));
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => {
+                    round.lost.extend(waiting.drain().map(|(_, (part, _))| part));
+                }
+            }
+        }
+        round
+    }
+
+    /// Takes an answer in; what was traced in this round is handed on.
+    fn hear(&mut self, index: usize, answer: Answer) -> Option<Done> {
+        let member = &mut self.members[index];
+        let left = |why: &str| format!("{why}; the others do its part");
+        match answer {
+            Answer::Opened(Ok(())) => {
+                if member.failed {
+                    self.notes.push(format!("{} takes part again", member.name));
+                }
+                (member.usual, member.state) = (None, State::Ready);
+            }
+            Answer::Opened(Err(why)) => {
+                if !member.failed {
+                    self.notes.push(why.clone());
+                }
+                member.state = State::Out(why);
+            }
+            Answer::Traced(round, Ok(done)) => {
+                if member.state == State::Late {
+                    self.notes.push(format!("{} answers again", member.name));
+                    member.state = State::Ready;
+                }
+                return (round == self.round).then_some(*done);
+            }
+            Answer::Traced(_, Err(why)) => {
+                self.notes.push(left(&why));
+                member.failed = true;
+                member.state = State::Out(why);
+            }
+        }
+        None
+    }
+}
+
+impl Member {
+    /// How long its next part may take.
+    fn patience(&self) -> Duration {
+        let usual = |seconds: f64| PATIENCE.max(Duration::from_secs_f64(seconds * PATIENCE_FACTOR));
+        self.usual.map_or(FIRST_PART, usual)
+    }
+
+    /// The longest of the last parts counts, and is forgotten slowly.
+    fn remember(&mut self, took: Duration) {
+        self.usual = Some(took.as_secs_f64().max(self.usual.unwrap_or(0.0) * 0.9));
+    }
+}
+
+impl Drop for Fleet {
+    fn drop(&mut self) {
+        for member in &mut self.members {
+            member.orders = None;
+            // A thread whose driver hangs or is being tried again is left to itself.
+            if member.state == State::Ready
+                && let Some(thread) = member.thread.take()
+            {
+                let _ = thread.join();
+            }
+        }
+    }
+}
+
+/// A device's thread: ends when nobody is left to give orders.
+fn work(index: usize, open: &Opener, orders: &Receiver<Order>, answer: &Sender<(usize, Answer)>) {
+    let mut pause = RETRY;
+    for times in 0.. {
+        let opened = open(times);
+        let told = opened.as_ref().map(drop).map_err(ToString::to_string);
+        if answer.send((index, Answer::Opened(told))).is_err() {
+            return;
+        }
+        if let Ok(mut hand) = opened {
+            loop {
+                let Ok(order) = orders.recv() else { return };
+                let traced = hand.trace(&order.job, &order.part);
+                let failed = traced.is_err();
+                let told = traced.map(Box::new).map_err(|error| error.to_string());
+                if answer.send((index, Answer::Traced(order.round, told))).is_err() {
+                    return;
+                }
+                if failed {
+                    if hand.is_lost() {
+                        std::mem::forget(hand);
+                    }
+                    break;
+                }
+                pause = RETRY;
+            }
+        } else if times == 0 {
+            // What cannot be used at the start is left out for good.
+            return;
+        }
+        let until = Instant::now() + pause;
+        pause = (pause * 2).min(RETRY_LONGEST);
+        loop {
+            match orders.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                Ok(_) => {}
+                Err(RecvTimeoutError::Timeout) => break,
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! One device's share of a frame, from the job to the results that others can use.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::{SceneData, Settings, TracePattern, Tracer, Walk};
+use crate::error::Result;
+use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
+use crate::foveation::{Pattern, pattern::TILE};
+use crate::gpu::interop::Shared;
+use crate::gpu::opencl::{Buffer, Device, DeviceInfo};
+use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::math::view::View;
+
+/// A view to trace, the same for all devices.
+#[derive(Clone)]
+pub struct Job {
+    /// Which view of the frame it is.
+    pub index: usize,
+    /// The view.
+    pub view: View,
+    /// How its samples are traced.
+    pub settings: Settings,
+    /// Where its samples are.
+    pub pattern: Arc<Pattern>,
+    /// The pattern's tiles and samples, as parts are cut from them.
+    pub workload: Arc<Workload>,
+    /// Where the results go.
+    pub landing: Arc<Landing>,
+    /// A device that can may write them there itself: not when others' results are there already, since it
+    /// also describes the tiles around its part.
+    pub direct: bool,
+}
+
+/// The memory that a view's results end up in, for Vulkan to read.
+pub struct Landing {
+    /// A record for each sample.
+    pub samples: Shared<SampleRecord>,
+    /// A record for each pixel, where they are asked for.
+    pub visibility: Option<Shared<VisibilityRecord>>,
+}
+
+/// What a device did with its part.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Done {
+    /// The part.
+    pub part: Part,
+    /// The part as it was timed, and milliseconds of device time for pixels and for samples.
+    pub slices: Vec<(Part, [f64; 2])>,
+    /// What the device kept the frame waiting for beside: copying results, in milliseconds.
+    pub copy_ms: f64,
+    /// Camera rays and light rays.
+    pub rays: u64,
+    /// Samples whose estimate was not finite.
+    pub dropped: u32,
+    /// Samples to be copied to the landing; none where they were written there.
+    pub samples: Vec<SampleRecord>,
+    /// What the pixels of the part's tiles see, 256 records a tile, to be copied to the landing.
+    pub visibility: Vec<VisibilityRecord>,
+}
+
+/// Something that traces parts of views: a device, or in tests one that misbehaves.
+pub trait Hand: Send {
+    /// Traces a part.
+    ///
+    /// # Errors
+    /// Where the device fails; it is not used again before it was opened anew.
+    fn trace(&mut self, job: &Job, part: &Part) -> Result<Done>;
+
+    /// After a failure: the device is gone for good, and its driver may hang when it is told to let go of
+    /// what was there.
+    fn is_lost(&self) -> bool {
+        false
+    }
+}
+
+/// A device with a scene.
+pub struct DeviceHand {
+    tracer: Tracer,
+    /// Writes the landing in place.
+    direct: bool,
+    /// Parts that are timed apart: they tell where the costs are. Graphics cards idle at each part's end.
+    slices: u32,
+    views: Vec<Option<OwnView>>,
+}
+
+/// A view's pattern and results in the device's own memory.
+struct OwnView {
+    pattern: Arc<Pattern>,
+    uploaded: TracePattern,
+    samples: Option<Buffer<SampleRecord>>,
+    visibility: Option<Buffer<VisibilityRecord>>,
+}
+
+impl DeviceHand {
+    /// A device that has been opened, with a variant of the kernels; `direct` says that it writes landings in place.
+    ///
+    /// # Errors
+    /// Where the device fails its self-test, or the scene does not fit.
+    pub fn new(device: &Device, data: &SceneData, walk: Walk, direct: bool) -> Result<Self> {
+        let slices = if device.info().kind == "cpu" { 4 } else { 1 };
+        Ok(DeviceHand { tracer: Tracer::open(device, data, walk)?, direct, slices, views: Vec::new() })
+    }
+
+    /// Opens a device anew, as after a failure.
+    ///
+    /// # Errors
+    /// As [`DeviceHand::new`], and where the driver refuses the device.
+    pub fn reopen(info: &DeviceInfo, data: &SceneData, walk: Walk) -> Result<Self> {
+        Self::new(&Device::open(info)?, data, walk, false)
+    }
+
+    /// Takes in a view's pattern, where it is new.
+    fn prepare(&mut self, job: &Job) -> Result<()> {
+        if self.views.len() <= job.index {
+            self.views.resize_with(job.index + 1, || None);
+        }
+        let slot = &mut self.views[job.index];
+        if !slot.as_ref().is_some_and(|own| Arc::ptr_eq(&own.pattern, &job.pattern)) {
+            let uploaded = self.tracer.pattern(&job.pattern)?;
+            let pattern = job.pattern.clone();
+            let (samples, visibility) = slot.take().map_or((None, None), |own| (own.samples, own.visibility));
+            *slot = Some(OwnView { pattern, uploaded, samples, visibility });
+        }
+        let direct = self.direct && job.direct && job.landing.samples.opencl().is_some();
+        if let Some(own) = slot.as_mut().filter(|_| !direct) {
+            let device = self.tracer.device();
+            let (count, pixels) = (job.pattern.samples.len(), job.view.pixels());
+            if own.samples.as_ref().is_none_or(|buffer| buffer.len() < count) {
+                own.samples = Some(Buffer::new(device, count)?);
+            }
+            if job.settings.guided && own.visibility.as_ref().is_none_or(|buffer| buffer.len() < pixels) {
+                own.visibility = Some(Buffer::new(device, pixels)?);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Hand for DeviceHand {
+    fn is_lost(&self) -> bool {
+        !self.tracer.device().is_available()
+    }
+
+    fn trace(&mut self, job: &Job, part: &Part) -> Result<Done> {
+        self.prepare(job)?;
+        let Some(own) = &self.views[job.index] else { return Ok(Done::default()) };
+        let landing = &job.landing;
+        let direct = landing.samples.opencl().filter(|_| self.direct && job.direct);
+        let Some(samples) = direct.or(own.samples.as_ref()) else { return Ok(Done::default()) };
+        let visibility = match direct {
+            Some(_) => landing.visibility.as_ref().and_then(Shared::opencl),
+            None => own.visibility.as_ref().filter(|_| job.settings.guided),
+        };
+        let parts = job.workload.slices(part, self.slices);
+        let tracer = &mut self.tracer;
+        let work =
+            tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, samples, visibility)?;
+        let traced = tracer.finish(work)?;
+        let mut done = Done {
+            part: part.clone(),
+            slices: parts.into_iter().zip(traced.parts_ms).collect(),
+            rays: traced.rays,
+            dropped: traced.dropped,
+            ..Done::default()
+        };
+        if direct.is_none() {
+            let start = Instant::now();
+            done.samples = vec![SampleRecord::default(); part.samples.len()];
+            samples.read_at(part.samples.start as usize, &mut done.samples)?;
+            if let Some(records) = visibility {
+                done.visibility =
+                    tracer.packed_visibility(&job.view, &own.uploaded, part.tiles.clone(), records)?;
+            }
+            done.copy_ms = start.elapsed().as_secs_f64() * 1e3;
+        }
+        Ok(done)
+    }
+}
+
+impl Landing {
+    /// Copies what a device has delivered to its place.
+    pub fn take(&self, job: &Job, done: &Done) {
+        self.samples.write(done.part.samples.start as usize, &done.samples);
+        let Some(visibility) = &self.visibility else { return };
+        let (width, height) = (job.view.width, job.view.height);
+        let across = width.div_ceil(TILE);
+        let tiles = &job.pattern.order[done.part.tiles.start as usize..done.part.tiles.end as usize];
+        for (&tile, records) in tiles.iter().zip(done.visibility.chunks_exact(TILE_PIXELS as usize)) {
+            let (left, top) = (tile % across * TILE, tile / across * TILE);
+            let length = TILE.min(width - left) as usize;
+            let rows = records.chunks_exact(TILE as usize).zip(top..height);
+            for (row, y) in rows {
+                visibility.write((y * width + left) as usize, &row[..length]);
+            }
+        }
+    }
+
+    /// The share of each tile's samples that met a surface, from every eighth of them; NaN where there is
+    /// none. Call it when all parts have landed.
+    pub fn seen(&self, workload: &Workload) -> Vec<f32> {
+        const STEP: usize = 8;
+        let records = self.samples.sparse(workload.samples() as usize, STEP);
+        let share = |tile: usize| {
+            let range = workload.tile(tile);
+            let (first, end) = ((range.start as usize).div_ceil(STEP), (range.end as usize).div_ceil(STEP));
+            let met = records[first..end].iter().filter(|record| record.depth != 0.0).count();
+            if end > first { met as f32 / (end - first) as f32 } else { f32::NAN }
+        };
+        (0..workload.tiles()).map(share).collect()
+    }
+}

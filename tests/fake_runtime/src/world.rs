@@ -1,0 +1,143 @@
+//! Where the head, the views and the eyes are.
+
+use glam::{EulerRot, Quat, Vec3};
+use openxr_sys as xr;
+
+use crate::script::{Gaze, Head, View};
+
+/// A rigid transform.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pose {
+    pub turn: Quat,
+    pub place: Vec3,
+}
+
+/// How high the LOCAL space is above the floor, metres.
+const EYE_HEIGHT: f32 = 1.6;
+
+impl Pose {
+    pub const IDENTITY: Pose = Pose { turn: Quat::IDENTITY, place: Vec3::ZERO };
+
+    /// The floor's space, seen from the LOCAL space.
+    pub const FLOOR: Pose = Pose { turn: Quat::IDENTITY, place: Vec3::new(0.0, -EYE_HEIGHT, 0.0) };
+
+    /// First `inner`, then this.
+    pub fn then(self, inner: Pose) -> Pose {
+        Pose { turn: (self.turn * inner.turn).normalize(), place: self.place + self.turn * inner.place }
+    }
+
+    pub fn inverse(self) -> Pose {
+        let turn = self.turn.conjugate();
+        Pose { turn, place: -(turn * self.place) }
+    }
+
+    /// OpenXR's pose; nothing where its orientation has no length of 1.
+    pub fn from_xr(pose: &xr::Posef) -> Option<Pose> {
+        let (q, p) = (pose.orientation, pose.position);
+        let (turn, place) = (Quat::from_xyzw(q.x, q.y, q.z, q.w), Vec3::new(p.x, p.y, p.z));
+        ((turn.length() - 1.0).abs() < 0.01 && place.is_finite()).then_some(Pose { turn, place })
+    }
+
+    pub fn to_xr(self) -> xr::Posef {
+        let (q, p) = (self.turn, self.place);
+        xr::Posef {
+            orientation: xr::Quaternionf { x: q.x, y: q.y, z: q.z, w: q.w },
+            position: xr::Vector3f { x: p.x, y: p.y, z: p.z },
+        }
+    }
+
+    /// Orientation x, y, z, w and position x, y, z, for the log.
+    pub fn list(self) -> [f32; 7] {
+        let (q, p) = (self.turn, self.place);
+        [q.x, q.y, q.z, q.w, p.x, p.y, p.z]
+    }
+}
+
+/// The head in the LOCAL space, some seconds after the session's creation.
+pub(crate) fn head(head: &Head, seconds: f64) -> Pose {
+    let angle = (f64::from(head.yaw_rate).to_radians() * seconds).rem_euclid(std::f64::consts::TAU);
+    let place = Vec3::from(head.position) + Vec3::from(head.velocity) * seconds as f32;
+    Pose { turn: Quat::from_rotation_y(angle as f32), place }
+}
+
+/// A view in the head's space.
+pub(crate) fn view(view: &View) -> Pose {
+    let [yaw, pitch, roll] = view.turn.map(f32::to_radians);
+    Pose { turn: Quat::from_euler(EulerRot::YXZ, yaw, pitch, roll), place: Vec3::from(view.position) }
+}
+
+/// A view's field of view, radians.
+pub(crate) fn fov(view: &View) -> xr::Fovf {
+    let [angle_left, angle_right, angle_up, angle_down] = view.fov.map(f32::to_radians);
+    xr::Fovf { angle_left, angle_right, angle_up, angle_down }
+}
+
+/// The eyes in the head's space at a frame; nothing where they are lost.
+pub(crate) fn gaze(keys: &[Gaze], frame: u64) -> Option<Pose> {
+    let key = keys.iter().rev().find(|key| key.frame <= frame)?;
+    let turn = Quat::from_euler(EulerRot::YXZ, key.yaw.to_radians(), key.pitch.to_radians(), 0.0);
+    (!key.lost).then_some(Pose { turn, place: Vec3::ZERO })
+}
+
+/// The hidden parts of a view, as triangles on the plane one metre before it.
+pub(crate) fn hidden(view: &View, share: f32) -> (Vec<xr::Vector2f>, Vec<u32>) {
+    if share <= 0.0 {
+        return (Vec::new(), Vec::new());
+    }
+    let [left, right, up, down] = view.fov.map(|angle| angle.to_radians().tan());
+    let (across, along) = ((right - left) * share, (up - down) * share);
+    let corners =
+        [(left, up, 1.0, -1.0), (right, up, -1.0, -1.0), (right, down, -1.0, 1.0), (left, down, 1.0, 1.0)];
+    let mut vertices = Vec::new();
+    for (x, y, inward, upward) in corners {
+        let mut points = vec![(x, y), (x + inward * across, y), (x, y + upward * along)];
+        if inward * upward < 0.0 {
+            points.swap(1, 2);
+        }
+        vertices.extend(points.into_iter().map(|(x, y)| xr::Vector2f { x, y }));
+    }
+    let indices = (0..vertices.len() as u32).collect();
+    (vertices, indices)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_undo_each_other() {
+        let pose = view(&View { position: [0.1, 0.2, 0.3], turn: [20.0, -10.0, 5.0], ..View::default() });
+        let back = pose.then(pose.inverse());
+        assert!(back.place.length() < 1e-6 && back.turn.angle_between(Quat::IDENTITY) < 1e-3);
+        assert_eq!(Pose::from_xr(&pose.to_xr()), Some(pose));
+        let mut broken = pose.to_xr();
+        broken.orientation.w = 3.0;
+        assert_eq!(Pose::from_xr(&broken), None);
+    }
+
+    #[test]
+    fn a_turn_to_the_left_looks_to_the_left() {
+        let turned = head(&Head { yaw_rate: 90.0, ..Head::default() }, 1.0);
+        assert!((turned.turn * Vec3::NEG_Z - Vec3::NEG_X).length() < 1e-5);
+        let keys = [
+            Gaze { frame: 2, yaw: 90.0, ..Gaze::default() },
+            Gaze { frame: 4, lost: true, ..Gaze::default() },
+        ];
+        assert!((gaze(&keys, 3).unwrap().turn * Vec3::NEG_Z - Vec3::NEG_X).length() < 1e-5);
+        assert!(gaze(&keys, 1).is_none() && gaze(&keys, 4).is_none() && gaze(&[], 1).is_none());
+    }
+
+    #[test]
+    fn hidden_triangles_turn_counter_clockwise_and_take_their_share() {
+        let view = View::default();
+        let (points, corners) = hidden(&view, 0.2);
+        let area = |t: &[u32]| {
+            let [a, b, c] = [0, 1, 2].map(|i| points[t[i] as usize]);
+            ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2.0
+        };
+        let areas: Vec<f32> = corners.chunks(3).map(area).collect();
+        assert!(areas.len() == 4 && areas.iter().all(|&a| a > 0.0), "{areas:?}");
+        let whole = 2.0 * 2.0 * 40f32.to_radians().tan();
+        assert!((areas.iter().sum::<f32>() / whole - 4.0 * 0.02).abs() < 1e-5);
+    }
+}

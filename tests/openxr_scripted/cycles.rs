@@ -1,0 +1,57 @@
+//! What is built anew again and again leaves nothing behind.
+
+use fake_runtime::order::State::{Idle, LossPending, Ready, Synchronized, Visible};
+use fake_runtime::script::{Fault, Session, Step, When};
+
+use super::{Run, run, sessions};
+
+/// One picture, and then the session is about to be lost.
+fn short() -> Session {
+    let step = |at, go: &[_]| Step { at, go: go.to_vec() };
+    let steps = vec![
+        step(When::Created, &[Idle, Ready]),
+        step(When::Frame(1), &[Synchronized, Visible]),
+        step(When::Frame(2), &[LossPending]),
+    ];
+    Session { steps, ..Session::default() }
+}
+
+/// File descriptors, threads and memory (KiB) of the program at each session's creation.
+fn held(run: &Run) -> Vec<[u64; 3]> {
+    let created = run.log.calls("xrCreateSession");
+    created.iter().map(|r| ["fds", "threads", "memory_kib"].map(|key| r.0[key].as_u64().unwrap())).collect()
+}
+
+/// Whether later sessions hold more than those that came when all was warm; memory may creep by `slack` KiB.
+fn assert_steady(held: &[[u64; 3]], warm: usize, slack: u64) {
+    let (before, after) = (held[warm], held[held.len() - 1]);
+    assert!(after[0] <= before[0] && after[1] <= before[1], "{held:?}");
+    assert!(after[2] <= before[2] + slack, "{held:?}");
+}
+
+#[test]
+fn a_hundred_sessions_leave_nothing_behind() {
+    let Some(run) = run(&sessions(vec![short(); 100]), 120, "") else { return };
+    let told = run.is_clean().told();
+    assert_eq!(told["losses"], 100, "{told}");
+    let held = held(&run);
+    assert_eq!(held.len(), 101);
+    // The images of 80 sessions alone would be 14 MiB.
+    assert_steady(&held, 20, 6 << 10);
+}
+
+#[test]
+fn twelve_instances_leave_nothing_behind() {
+    let fault = Fault { call: "xrLocateViews".into(), from: 6, to: 0, result: "ERROR_INSTANCE_LOST".into() };
+    let lost = Session { faults: vec![fault], ..Session::default() };
+    let Some(run) = run(&sessions(vec![lost; 12]), 40, "") else { return };
+    let told = run.is_clean().told();
+    assert_eq!(told["losses"], 12, "{told}");
+    assert_steady(&held(&run), 4, 32 << 10);
+}
+
+#[test]
+#[should_panic]
+fn a_leak_is_noticed() {
+    assert_steady(&[[9, 4, 5000], [9, 4, 5010], [10, 4, 5010]], 1, 100);
+}

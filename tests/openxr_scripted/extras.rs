@@ -1,0 +1,180 @@
+//! What some runtimes offer beside pictures and poses: eye trackers, hidden areas, controllers, rates.
+
+use fake_runtime::script::{Event, EventKind, Gaze, Input, Script, Session, View};
+use serde_json::{Value, json};
+
+use super::{Run, run, sessions};
+
+/// A headset with an eye tracker that sees these.
+fn with_gaze(gaze: Vec<Gaze>) -> Script {
+    Script { eye_tracker: true, gaze, ..Script::default() }
+}
+
+fn looking(frame: u64, yaw: f32, pitch: f32) -> Gaze {
+    Gaze { frame, yaw, pitch, lost: false }
+}
+
+/// Where the views were sharp in the last picture, and how much wider than usual.
+fn sharp(run: &Run) -> Vec<([f64; 2], f64)> {
+    let told = run.is_clean().told();
+    let number = |value: &Value| value.as_f64().unwrap();
+    let views = told["views"].as_array().unwrap().iter();
+    views
+        .map(|view| ([number(&view["gaze"][0]), number(&view["gaze"][1])], number(&view["widening"])))
+        .collect()
+}
+
+/// Where a direction, in degrees to the left and up, is in a usual view.
+fn seen(yaw: f32, pitch: f32) -> [f64; 2] {
+    let [left, right, up, down] = View::default().fov.map(|angle| f64::from(angle).to_radians().tan());
+    let (yaw, pitch) = (f64::from(yaw).to_radians(), f64::from(pitch).to_radians());
+    let (x, y) = (-yaw.tan(), pitch.tan() / yaw.cos());
+    [(x - left) / (right - left), (up - y) / (up - down)]
+}
+
+fn assert_sharp_at(run: &Run, yaw: f32, pitch: f32) {
+    let right = seen(yaw, pitch);
+    for (point, _) in sharp(run) {
+        let off = (point[0] - right[0]).hypot(point[1] - right[1]);
+        assert!(off < 0.02, "sharp at {point:?}, not at {right:?}");
+    }
+}
+
+#[test]
+fn the_sharp_region_follows_the_eyes_and_comes_back_when_they_are_lost() {
+    let steady = with_gaze(vec![looking(1, 20.0, 10.0)]);
+    let Some(left) = run(&steady, 30, "") else { return };
+    assert_sharp_at(&left, 20.0, 10.0);
+    // A saccade: the eyes jump, and are followed at once.
+    let jump = with_gaze(vec![looking(1, 20.0, 10.0), looking(20, -25.0, -15.0)]);
+    assert_sharp_at(&run(&jump, 40, "").unwrap(), -25.0, -15.0);
+    // Closed for good: nothing is known any more.
+    let closed = Gaze { frame: 10, lost: true, ..Gaze::default() };
+    let lost = Script { period_ms: 25.0, ..with_gaze(vec![looking(1, 20.0, 10.0), closed]) };
+    assert_sharp_at(&run(&lost, 60, "").unwrap(), 0.0, 0.0);
+    // A blink is not a look elsewhere.
+    let closed = Gaze { frame: 26, lost: true, ..Gaze::default() };
+    let blink = with_gaze(vec![looking(1, 20.0, 10.0), closed, looking(28, 20.0, 10.0)]);
+    assert_sharp_at(&run(&blink, 32, "").unwrap(), 20.0, 10.0);
+}
+
+#[test]
+fn eyes_that_jump_all_the_time_widen_the_sharp_region() {
+    let jumps = (1..60).map(|frame| looking(frame, if frame % 2 == 0 { 25.0 } else { -25.0 }, 0.0)).collect();
+    let Some(jumping) = run(&with_gaze(jumps), 30, "") else { return };
+    assert!(sharp(&jumping).iter().all(|&(_, widening)| widening > 1.2), "{:?}", sharp(&jumping));
+    let still = run(&with_gaze(vec![looking(1, 20.0, 10.0)]), 30, "").unwrap();
+    assert!(sharp(&still).iter().all(|&(_, widening)| widening < 1.2), "{:?}", sharp(&still));
+}
+
+#[test]
+fn a_tracker_that_is_not_there_or_not_wanted_is_not_asked() {
+    let gaze = vec![looking(1, 20.0, 10.0)];
+    let absent = Script { eye_tracker: false, ..with_gaze(gaze.clone()) };
+    let unlisted = Script { without: vec!["XR_EXT_eye_gaze_interaction".into()], ..with_gaze(gaze.clone()) };
+    for (script, more) in
+        [(absent, ""), (unlisted, ""), (with_gaze(gaze), "--set headset.eye_tracking=false")]
+    {
+        let Some(run) = run(&script, 6, more) else { return };
+        assert_sharp_at(&run, 0.0, 0.0);
+    }
+}
+
+#[test]
+fn hidden_areas_are_asked_for_and_asked_again_when_they_change() {
+    let view = |x: f32| View { hidden_corner: 0.3, ..View::eye(x) };
+    let change = EventKind::VisibilityMask { view: 1, hidden_corner: 0.0 };
+    let session = Session { events: vec![Event { frame: 5, event: change }], ..Session::default() };
+    let script = Script { views: vec![view(-0.03), view(0.03)], ..sessions(vec![session]) };
+    let Some(run) = run(&script, 10, "") else { return };
+    run.is_clean();
+    let asked: Vec<_> = run.log.calls("xrGetVisibilityMaskKHR");
+    let triangles = |index: usize| {
+        let of = asked.iter().filter(|record| record.0["view"] == index);
+        of.map(|record| record.0["triangles"].as_u64().unwrap()).collect::<Vec<_>>()
+    };
+    assert!(triangles(0).iter().all(|&count| count == 4), "{asked:?}");
+    assert_eq!((triangles(1).first(), triangles(1).last()), (Some(&4), Some(&0)), "{asked:?}");
+}
+
+#[test]
+fn hidden_pixels_get_no_samples() {
+    let dense = "--samples full";
+    let script = |hidden_corner: f32| Script {
+        views: [-0.03, 0.03].map(|x| View { hidden_corner, ..View::eye(x) }).to_vec(),
+        ..Script::default()
+    };
+    let Some(all) = run(&script(0.0), 3, dense) else { return };
+    let part = run(&script(0.4), 3, dense).unwrap();
+    let samples = |run: &Run| run.is_clean().told()["samples"].as_f64().unwrap();
+    let share = samples(&part) / samples(&all);
+    // Four triangles of 0.4 by 0.4 of the view, less the pixels on their edges.
+    assert!((0.68..0.71).contains(&share), "{share}");
+}
+
+/// A touch controller on which something is done.
+fn touching(path: &str, value: [f32; 2], from: u64, to: u64) -> Script {
+    Script {
+        profile: Some("/interaction_profiles/oculus/touch_controller".into()),
+        inputs: vec![Input { path: path.into(), from, to, value }],
+        ..Script::default()
+    }
+}
+
+/// Where the first eye was in the last picture, and how far to the left it was turned, degrees.
+fn first_eye(run: &Run) -> ([f64; 3], f64) {
+    let view = run.is_clean().told()["views"][0].clone();
+    let list =
+        |value: &Value| value.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect::<Vec<_>>();
+    let (position, rotation) = (list(&view["position"]), list(&view["rotation"]));
+    ([position[0], position[1], position[2]], 2.0 * rotation[1].atan2(rotation[3]).to_degrees())
+}
+
+#[test]
+fn sticks_turn_and_move_the_wearer() {
+    let right = "/user/hand/right/input/thumbstick";
+    let Some(turned) = run(&touching(right, [1.0, 0.0], 4, 9), 14, "") else { return };
+    let (_, yaw) = first_eye(&turned);
+    assert!((yaw + 30.0).abs() < 0.1, "one snap turn to the right, not {yaw}");
+    let left = "/user/hand/left/input/thumbstick";
+    let walked = run(&touching(left, [0.0, 1.0], 4, 30), 20, "--set headset.walk=smooth").unwrap();
+    let (place, yaw) = first_eye(&walked);
+    assert!(place[2] < -0.1 && (place[1] - 1.6).abs() < 1e-3 && yaw.abs() < 0.1, "{place:?} {yaw}");
+    let stays = run(&touching(left, [0.0, 1.0], 4, 30), 20, "--set headset.walk=off").unwrap();
+    assert!(first_eye(&stays).0[2].abs() < 1e-3);
+}
+
+#[test]
+fn a_press_teleports_to_where_the_hand_points() {
+    let Some(run) = run(&touching("/user/hand/right/input/a", [1.0, 0.0], 5, 8), 12, "") else { return };
+    let (place, _) = first_eye(&run);
+    // The hand is 1.3 m above the floor, 0.4 m ahead, and points 30 degrees down.
+    let ahead = 0.4 + 1.3 / 30f64.to_radians().tan();
+    assert!((place[2] + ahead).abs() < 0.01 && (place[1] - 1.6).abs() < 0.01, "{place:?}, {ahead}");
+}
+
+#[test]
+fn the_refresh_rate_is_asked_for_where_one_is_wanted() {
+    let Some(run) = run(&Script::default(), 4, "--set headset.refresh_hz=52") else { return };
+    run.is_clean();
+    let asked = run.log.calls("xrRequestDisplayRefreshRateFB");
+    assert_eq!(asked.iter().map(|record| &record.0["rate"]).collect::<Vec<_>>(), [&json!(50.0)]);
+    assert!(!run.log.calls("xrPerfSettingsSetPerformanceLevelEXT").is_empty());
+}
+
+#[test]
+fn a_plain_runtime_of_1_0_is_enough() {
+    let without = [
+        "XR_KHR_composition_layer_depth",
+        "XR_KHR_visibility_mask",
+        "XR_KHR_convert_timespec_time",
+        "XR_EXT_eye_gaze_interaction",
+        "XR_EXT_performance_settings",
+        "XR_EXT_local_floor",
+        "XR_FB_display_refresh_rate",
+    ];
+    let script =
+        Script { without: without.map(String::from).to_vec(), minor_version: 0, ..Script::default() };
+    let Some(run) = run(&script, 6, "--set headset.refresh_hz=52") else { return };
+    assert_eq!(run.is_clean().told()["frames"], 6);
+}

@@ -1,0 +1,142 @@
+//! `foveate run` on a scripted OpenXR runtime (`tests/fake_runtime/`), which does what Monado cannot, and
+//! which finds every call out of order.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod cycles;
+mod extras;
+mod frames;
+mod losses;
+mod states;
+mod views;
+
+use std::path::Path;
+use std::process::Command;
+
+use common::builder::Builder;
+use fake_runtime::Setup;
+use fake_runtime::log::{Log, Record};
+use fake_runtime::script::{Script, Session};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// What a run left behind.
+#[derive(Debug)]
+struct Run {
+    code: Option<i32>,
+    out: String,
+    said: String,
+    log: Log,
+    _folder: TempDir,
+}
+
+/// A script with these sessions.
+fn sessions(sessions: Vec<Session>) -> Script {
+    Script { sessions, ..Script::default() }
+}
+
+/// The square that is looked for in pictures: its middle, and half its side, metres.
+const SQUARE: ([f64; 3], f64) = ([0.25, 1.75, -3.0], 0.2);
+
+/// Writes `scene.glb`: a red square, and a grey floor far below.
+fn write_scene(folder: &Path) {
+    let mut builder = Builder::new();
+    let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0f32]];
+    let (positions, indices) = (builder.floats(&corners), builder.shorts(&[0, 1, 2, 0, 2, 3]));
+    let half = 0.5f64.sqrt();
+    let (at, side) = SQUARE;
+    let parts = [
+        ([1.0, 0.0, 0.0], json!({ "translation": at, "scale": [side, side, 1.0] })),
+        ([0.3, 0.3, 0.3], json!({ "rotation": [-half, 0.0, 0.0, half], "scale": [9, 9, 1] })),
+    ];
+    for ([r, g, b], place) in parts {
+        let finish = json!({ "baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0 });
+        let unlit = json!({ "KHR_materials_unlit": {} });
+        let material = json!({ "pbrMetallicRoughness": finish, "doubleSided": true, "extensions": unlit });
+        let material = builder.push("materials", material);
+        let primitive =
+            json!({ "attributes": { "POSITION": positions }, "indices": indices, "material": material });
+        builder.place(primitive, place);
+    }
+    builder.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
+    builder.write_glb(folder);
+}
+
+/// The eye's place that the wearer's LOCAL space is put at, metres.
+const REST: [f64; 3] = [0.0, 1.6, 0.0];
+
+/// Runs the program with few samples until it has shown some frames; nothing where OpenXR's loader or
+/// Vulkan is missing, which is a failure on machines that promise them (CI=true).
+fn run(script: &Script, frames: u32, more: &str) -> Option<Run> {
+    run_under(script, frames, more, &[])
+}
+
+/// The same with more of an environment.
+fn run_under(script: &Script, frames: u32, more: &str, environment: &[(&str, &str)]) -> Option<Run> {
+    if let Some(missing) = missing() {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "{missing}");
+        println!("not run: {missing}");
+        return None;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let setup = Setup::new(folder.path(), script);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_foveate"));
+    command.current_dir(folder.path()).args(["run", "scene.glb", "--json", "--frames", &frames.to_string()]);
+    command.args("--samples 300 --rays 1 --position 0,1.6,0 --look-at 0,1.6,-1".split(' '));
+    command.args(more.split_whitespace()).envs(environment.iter().copied());
+    let output = setup.apply(&mut command).output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    let run = Run {
+        code: output.status.code(),
+        out: text(output.stdout),
+        said: text(output.stderr),
+        log: setup.log(),
+        _folder: folder,
+    };
+    assert!(!run.said.contains("panicked"), "{}", run.said);
+    Some(run)
+}
+
+/// What stands in the way: asked of the program itself, which says so in one sentence.
+fn missing() -> Option<String> {
+    let folder = tempfile::tempdir().unwrap();
+    if common::vulkan().is_none() {
+        return Some("no Vulkan device".into());
+    }
+    let mut command = Command::new(env!("CARGO_BIN_EXE_foveate"));
+    write_scene(folder.path());
+    command.current_dir(folder.path()).args(["run", "scene.glb", "--frames", "1"]);
+    command.env("XR_RUNTIME_JSON", folder.path().join("none.json")).env("XR_LOADER_DEBUG", "none");
+    let said = String::from_utf8(command.output().unwrap().stderr).unwrap();
+    said.contains("libopenxr-loader1").then(|| "no OpenXR loader".to_string())
+}
+
+impl Run {
+    /// It ended as it should: no rule broken, nothing left, success.
+    fn is_clean(&self) -> &Self {
+        assert_eq!(self.log.violations(), Vec::<String>::new(), "{}", self.said);
+        assert_eq!(self.log.leftovers(), Vec::<String>::new(), "{}", self.said);
+        assert_eq!(self.code, Some(0), "{}", self.said);
+        self
+    }
+
+    /// What it told at its end.
+    fn told(&self) -> Value {
+        serde_json::from_str(&self.out).unwrap_or_else(|e| panic!("{e}: {self:?}"))
+    }
+
+    /// The frames that were ended, in order.
+    fn frames(&self) -> Vec<&Record> {
+        let mut frames = self.log.calls("xrEndFrame");
+        frames.retain(|frame| frame.result() == "SUCCESS");
+        frames
+    }
+
+    /// The views of the one layer of each frame that has one.
+    fn layers(&self) -> Vec<(&Record, &Vec<Value>)> {
+        let frames = self.frames().into_iter();
+        frames.filter_map(|frame| Some((frame, frame.0["layers"][0]["views"].as_array()?))).collect()
+    }
+}

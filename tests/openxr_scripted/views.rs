@@ -1,0 +1,162 @@
+//! Views as the headset has them: canted, uneven, of different sizes, four of them.
+
+use std::path::Path;
+
+use fake_runtime::script::{Dump, Head, Script, Session, View};
+use foveate::gpu::vulkan::ContextOptions;
+use foveate::math::pose::Pose;
+use glam::{DQuat, DVec3};
+use serde_json::Value;
+
+use super::{REST, Run, SQUARE, run, run_under};
+
+/// The frame that is looked at.
+const LOOKED_AT: u64 = 5;
+
+/// An uneven pair of views, the left one canted outwards and taller.
+fn uneven() -> Vec<View> {
+    vec![
+        View {
+            size: [112, 96],
+            fov: [-52.0, 38.0, 41.0, -47.0],
+            position: [-0.033, 0.001, 0.002],
+            turn: [9.0, 2.0, 3.0],
+            ..View::default()
+        },
+        View {
+            size: [88, 104],
+            fov: [-37.0, 49.0, 44.0, -39.0],
+            position: [0.031, -0.002, 0.0],
+            turn: [-8.0, -1.0, -4.0],
+            ..View::default()
+        },
+    ]
+}
+
+/// The mean place of red pixels, and how many there are.
+fn red_square(path: &Path, width: usize) -> (f64, f64, f64) {
+    let bytes = std::fs::read(path).unwrap();
+    let (mut x, mut y, mut count) = (0.0, 0.0, 0.0);
+    for (index, pixel) in bytes.chunks(4).enumerate() {
+        if pixel[0] > 120 && pixel[1] < 60 && pixel[2] < 60 {
+            x += (index % width) as f64 + 0.5;
+            y += (index / width) as f64 + 0.5;
+            count += 1.0;
+        }
+    }
+    (x / count, y / count, count)
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+}
+
+/// Where the square's middle is in a layer's view, by the pose and field of view that were told.
+fn expected(view: &Value, width: f64, height: f64) -> (f64, f64) {
+    let pose = numbers(&view["pose"]);
+    let rotation = DQuat::from_xyzw(pose[0], pose[1], pose[2], pose[3]);
+    let eye =
+        Pose { rotation, position: DVec3::from_slice(REST.as_slice()) + DVec3::from_slice(&pose[4..7]) };
+    let seen = eye.rotation.conjugate() * (DVec3::from_array(SQUARE.0) - eye.position);
+    let (x, y) = (seen.x / -seen.z, seen.y / -seen.z);
+    let fov: Vec<f64> = numbers(&view["fov"]).into_iter().map(f64::tan).collect();
+    (width * (x - fov[0]) / (fov[1] - fov[0]), height * (fov[2] - y) / (fov[2] - fov[3]))
+}
+
+/// Each view of the layer has its own picture, and the square is in it where it must be.
+fn check_pictures(run: &Run, folder: &Path, views: &[View]) {
+    let frame = &run.frames()[LOOKED_AT as usize - 1].0;
+    let layer = frame["layers"][0]["views"].as_array().unwrap();
+    assert_eq!(layer.len(), views.len());
+    for (index, (told, view)) in layer.iter().zip(views).enumerate() {
+        let [width, height] = view.size.map(f64::from);
+        assert_eq!(numbers(&told["rect"])[2..], [width, height], "view {index}");
+        for (told, given) in numbers(&told["fov"]).iter().zip(view.fov) {
+            assert!((told.to_degrees() - f64::from(given)).abs() < 1e-3, "view {index}: {told}");
+        }
+        let (x, y, count) = red_square(&folder.join(format!("view{index}.raw")), view.size[0] as usize);
+        let (right_x, right_y) = expected(told, width, height);
+        assert!(count > 10.0, "view {index} does not show the square");
+        assert!(
+            (x - right_x).abs() < 1.0 && (y - right_y).abs() < 1.0,
+            "view {index}: the square is at {x:.1}, {y:.1}, not at {right_x:.1}, {right_y:.1}"
+        );
+    }
+}
+
+fn dumping(folder: &Path) -> Vec<Session> {
+    let dump = Dump { frame: LOOKED_AT, folder: folder.into() };
+    vec![Session { dumps: vec![dump], ..Session::default() }]
+}
+
+#[test]
+fn canted_and_uneven_views_are_shown_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let head = Head { yaw_rate: 3.0, velocity: [0.02, 0.01, 0.0], ..Head::default() };
+    let script = Script { views: uneven(), head, sessions: dumping(folder.path()), ..Script::default() };
+    let Some(run) = run(&script, 8, "") else { return };
+    assert_eq!(run.is_clean().told()["frames"], 8);
+    check_pictures(&run, folder.path(), &uneven());
+    let reversed: Vec<View> = uneven().into_iter().rev().collect();
+    let swapped = std::panic::catch_unwind(|| check_pictures(&run, folder.path(), &reversed));
+    assert!(swapped.is_err(), "the comparer takes eyes that are swapped");
+}
+
+#[test]
+fn vulkan_finds_no_fault_on_either_side() {
+    if foveate::gpu::vulkan::Context::new(&ContextOptions { validation: true, ..Default::default() }).is_err()
+    {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "Vulkan's validation layer is missing");
+        println!("not run: Vulkan's validation layer is missing");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let script = Script { views: uneven(), sessions: dumping(folder.path()), ..Script::default() };
+    let layer = [("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation")];
+    let Some(run) = run_under(&script, 8, "", &layer) else { return };
+    let said = format!("{}{}", run.out, run.said);
+    assert!(!said.contains("VUID") && !said.contains("Validation"), "{said}");
+    assert_eq!(run.is_clean().told()["frames"], 8);
+}
+
+#[test]
+fn foveated_insets_are_shown_where_the_runtime_has_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let inset = |x: f32, turn: f32| View {
+        size: [72, 64],
+        fov: [-14.0, 16.0, 12.0, -11.0],
+        turn: [turn, 0.0, 0.0],
+        ..View::eye(x)
+    };
+    let views = [uneven(), vec![inset(-0.033, -4.0), inset(0.031, -3.0)]].concat();
+    let script = Script {
+        views: uneven(),
+        inset_views: views.clone(),
+        sessions: dumping(folder.path()),
+        ..Script::default()
+    };
+    let Some(run) = run(&script, 8, "") else { return };
+    let told = run.is_clean().told();
+    assert_eq!(told["views"].as_array().unwrap().len(), 4, "{told}");
+    check_pictures(&run, folder.path(), &views);
+}
+
+#[test]
+fn poses_in_layers_are_those_that_the_runtime_gave() {
+    let head = Head { yaw_rate: 60.0, velocity: [0.3, 0.0, -0.2], ..Head::default() };
+    let Some(run) = run(&Script { head, ..Script::default() }, 12, "") else { return };
+    run.is_clean();
+    let located = run.log.calls("xrLocateViews");
+    let given: Vec<Vec<Vec<f64>>> = located
+        .iter()
+        .filter_map(|record| Some(record.0["poses"].as_array()?.iter().map(numbers).collect()))
+        .collect();
+    let layers = run.layers();
+    assert_eq!(layers.len(), 12);
+    for (frame, views) in layers {
+        let shown: Vec<Vec<f64>> = views.iter().map(|view| numbers(&view["pose"])).collect();
+        let close = |a: &Vec<f64>, b: &Vec<f64>| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
+        let same = |poses: &&Vec<Vec<f64>>| poses.iter().zip(&shown).all(|(a, b)| close(a, b));
+        assert_eq!(given.iter().filter(same).count().min(1), 1, "{frame:?}");
+    }
+}
