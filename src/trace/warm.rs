@@ -98,7 +98,8 @@ impl Idle {
                     args.extend([Arg::value(&shading), Arg::NONE, none[0], none[1], Arg::NONE, Arg::NONE]);
                 }
                 "share_edges" => args.extend([
-                    none[0],
+                    Arg::U32(1),
+                    Arg::NONE,
                     none[0],
                     none[1],
                     Arg::NONE,

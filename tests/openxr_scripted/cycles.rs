@@ -42,7 +42,7 @@ fn a_hundred_sessions_leave_nothing_behind() {
 
 #[test]
 fn twelve_instances_leave_nothing_behind() {
-    let fault = Fault { call: "xrLocateViews".into(), from: 6, to: 0, result: "ERROR_INSTANCE_LOST".into() };
+    let fault = Fault { call: "xrLocateViews".into(), from: 16, to: 0, result: "ERROR_INSTANCE_LOST".into() };
     let lost = Session { faults: vec![fault], ..Session::default() };
     let Some(run) = run(&sessions(vec![lost; 12]), 40, "") else { return };
     let told = run.is_clean().told();

@@ -60,7 +60,9 @@ fn check(scene: &Scene) {
             // Two triangles hit at one distance share the point.
             assert_eq!(block.triangle == u32::MAX, stream.triangle == u32::MAX, "{place:?}");
         }
-        let same = blocks.iter().zip(&streams).filter(|(b, s)| b.triangle == s.triangle).count();
+        // A triangle that the tree cut has several places.
+        let name = |hit: &HitRecord| bvh.order.get(hit.triangle as usize).map(|place| place.triangle);
+        let same = blocks.iter().zip(&streams).filter(|(b, s)| name(b) == name(s)).count();
         assert!(same * 1000 >= view.pixels() * 999, "{same} triangles of {} are the same", view.pixels());
     }
 }
