@@ -21,7 +21,7 @@ use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::measure::stats::{median, percentile};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData};
+use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData, Walk};
 use glam::DVec2;
 
 /// Frames that do not count: shares settle, and drivers finish building kernels.
@@ -104,7 +104,7 @@ fn sharing(frames: usize, factor: u32) {
     let opener = |index: usize, times: u32| -> (String, Opener) {
         let (device, data) = (parts[index].clone(), data.clone());
         let open: Opener = Box::new(move |_| {
-            let hand = DeviceHand::new(&device, &data, false)?;
+            let hand = DeviceHand::new(&device, &data, Walk::for_device(&device), false)?;
             Ok(Box::new(slow::Slow { hand, times }) as Box<dyn Hand>)
         });
         (parts[index].info().name.clone(), open)

@@ -26,6 +26,7 @@ use foveate::math::view::{FieldOfView, View};
 use foveate::measure::stats::{median, percentile};
 use foveate::scene::{default_viewpoint, generate};
 use foveate::speed::{Workload, cpu_time, export};
+use foveate::trace::Walk;
 use foveate::trace::probe::{Probe, RayKind, shape_of};
 
 struct Arguments {
@@ -112,7 +113,7 @@ fn measure(
     let start = Instant::now();
     let tree = WideBvh::build(positions, triangles);
     let build_ms = start.elapsed().as_secs_f64() * 1e3;
-    let mut probe = Probe::new(device, &shape, &tree).expect("kernels");
+    let mut probe = Probe::new(device, &shape, &tree, Walk::for_device(device)).expect("kernels");
     let work = Workload::new(&mut probe, &shape, &tree, view, pattern).expect("rays");
     let file = arguments.out.join("rays.bin");
     export::write(&file, &shape, &work, &probe).expect("a file of rays");

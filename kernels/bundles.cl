@@ -1,6 +1,37 @@
 // Rays of a given list, in bundles of 32 that leave one point, as the light rays of a sample do: what
 // measurements trace.
 
+#if SINGLE_RAYS
+// Ray k of bundle i is item 32 i + k; bit k of hidden[i] says whether it hits something.
+__kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+                           __global uint *hidden)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i >= 32u * count)
+        return;
+    float t = INFINITY;
+    uint triangle;
+    if (trace_ray(&scene, gload3(origins + 3u * (i / 32u)), 0.0f, gload3(directions + 3u * i), &t, &triangle, ANY, 0u))
+        atomic_or(&hidden[i / 32u], 1u << i % 32u);
+    else
+        atomic_and(&hidden[i / 32u], ~(1u << i % 32u));
+}
+
+// hits[32 * i + k]: the nearest hit of ray k of bundle i.
+__kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+                           __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i >= 32u * count)
+        return;
+    HitRecord hit = {NONE, INFINITY};
+    trace_ray(&scene, gload3(origins + 3u * (i / 32u)), 0.0f, gload3(directions + 3u * i), &hit.t, &hit.triangle,
+              CLOSEST_FRONT, 0u);
+    hits[i] = hit;
+}
+#else
 // Bit k of hidden[i]: ray k of bundle i hits something.
 __kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global uint *hidden)
@@ -32,3 +63,4 @@ __kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __gl
         hits[32u * i + k] = hit;
     }
 }
+#endif

@@ -86,11 +86,13 @@ static float sun_seen(const Scene *scene, const Shading *shading, const Surface 
 
 // Shades samples first .. first + count into records[first ..]; counters[0] sums light rays,
 // counters[1] samples whose estimate was not finite: these are marked by a depth of -1.
-__kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *samples, uint first,
+__kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first,
                             uint count, __global const HitRecord *hits, __global const VisibilityRecord *visibility,
                             __global SampleRecord *records, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
+    // A copy, since it is changed below: in PoCL, the work-items of a group share a structure that is an argument.
+    Shading shading = asked;
     uint index = (uint)get_global_id(0);
     if (index >= count)
         return;

@@ -1,5 +1,39 @@
 // Camera rays: the first hit of every pixel, or of every sample.
 
+#if SINGLE_RAYS
+static HitRecord look_through(const Scene *scene, const Camera *camera, uint x, uint y)
+{
+    HitRecord hit = {NONE, INFINITY};
+    trace_ray(scene, load3(camera->origin), load3(camera->origin_low), camera_ray(camera, x, y), &hit.t, &hit.triangle,
+              CLOSEST_FRONT, camera->seed);
+    return hit;
+}
+
+// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes one. Items go through
+// blocks of 8 by 8, so that those which run in step see much the same.
+__kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
+                           __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint item = (uint)get_global_id(0), inside = item % (BLOCK * BLOCK);
+    uint left, top;
+    if (!block_corner(&camera, tiles, first, count, item / (BLOCK * BLOCK), &left, &top))
+        return;
+    uint x = left + inside % BLOCK, y = top + inside / BLOCK;
+    if (x < camera.width && y < camera.height)
+        hits[y * camera.width + x] = look_through(&scene, &camera, x, y);
+}
+
+// hits[first + i] for samples first .. first + count; a work-item takes one.
+__kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count,
+                            __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i < count)
+        hits[first + i] = look_through(&scene, &camera, samples[first + i] & 0xffffu, samples[first + i] >> 16);
+}
+#else
 // hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes 8 by 8 of them.
 __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
                            __global HitRecord *hits)
@@ -40,3 +74,4 @@ __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint
         hits[first + begin + i] = hit;
     }
 }
+#endif

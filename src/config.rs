@@ -12,8 +12,10 @@ use toml::{Table, Value};
 
 use crate::error::{Error, Result};
 use crate::foveation::Law;
+use crate::gpu::opencl::Device;
 use crate::measure::picture::MAX_PIXELS;
 use crate::scene::sky::Sky;
+use crate::trace;
 
 /// Everything that can be set. [`Config::default`] is the truth; `configs/default.toml` repeats it with
 /// comments, and a test compares the two.
@@ -144,6 +146,31 @@ pub struct TraceConfig {
     pub edge_rays: u32,
     /// Seed of the random numbers: the same picture for the same seed on the same device.
     pub seed: u32,
+    /// Which variant of the kernels is used.
+    pub walk: WalkConfig,
+}
+
+/// A variant of the kernels, or what suits the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WalkConfig {
+    /// What suits the device.
+    Auto,
+    /// Rays that belong together share a work-item.
+    Together,
+    /// A work-item follows one ray after the other.
+    Alone,
+}
+
+impl WalkConfig {
+    /// The variant on a device.
+    pub fn on(self, device: &Device) -> trace::Walk {
+        match self {
+            WalkConfig::Auto => trace::Walk::for_device(device),
+            WalkConfig::Together => trace::Walk::Together,
+            WalkConfig::Alone => trace::Walk::Alone,
+        }
+    }
 }
 
 /// How samples become pixels.
@@ -303,7 +330,7 @@ impl Default for FoveationConfig {
 
 impl Default for TraceConfig {
     fn default() -> Self {
-        TraceConfig { rays: 32, bounces: 0, edge_rays: 2, seed: 0 }
+        TraceConfig { rays: 32, bounces: 0, edge_rays: 2, seed: 0, walk: WalkConfig::Auto }
     }
 }
 

@@ -304,6 +304,24 @@ pub struct WideNode {
     /// See [`crate::bvh::wide::EMPTY`] and [`crate::bvh::wide::LEAF`].
     pub children: [u32; 8],
 }
+
+/// The same in 80 bytes: boxes as bytes, children that lie one after the other (Ylitie et al. 2017).
+pub struct CompactNode {
+    /// Lower corner of all children.
+    pub origin: [f32; 3],
+    /// A byte's worth in metres along x, y and z, as a float's exponent each; x in the low byte.
+    pub exponents: u32,
+    /// The first child that is a node; the others follow it.
+    pub first_node: u32,
+    /// The first triangle of the first child that is a leaf; the others' follow.
+    pub first_triangle: u32,
+    /// A byte for each child: 0 where there is none, 1 to 8 a leaf with that many triangles, 9 a node.
+    pub kinds: [u32; 2],
+    /// Lower bounds above the origin: a byte for each child, along x, y and z.
+    pub lower: [[u32; 2]; 3],
+    /// Upper bounds.
+    pub upper: [[u32; 2]; 3],
+}
 }
 
 /// Packs a linear radiance into R9 G9 B8 with a 6-bit shared exponent (R in the low bits):

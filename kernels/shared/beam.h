@@ -90,6 +90,12 @@ static int8 triangles_in_beam(const Beam *b, const Leaf *l)
     return inside;
 }
 
+// All rays have one direction: chance has to tell them apart by their origins.
+static uint chance_at(float3 origin, uint seed)
+{
+    return hash(seed ^ hash(as_uint(origin.x) ^ hash(as_uint(origin.y) ^ hash(as_uint(origin.z)))));
+}
+
 // One ray against one leaf from its own origin: for what rounding or alpha leaves open.
 static bool meet_leaf_alone(const Scene *scene, const Beam *b, uint first, uint n, uint ray, uint seed)
 {
@@ -98,10 +104,7 @@ static bool meet_leaf_alone(const Scene *scene, const Beam *b, uint first, uint 
     load_leaf(scene->leaves + 9u * first, n, b->base, q, &leaf);
     float t_max = INFINITY;
     uint triangle;
-    // All rays have one direction: chance has to tell them apart by their origins.
-    float3 origin = b->base + q;
-    seed = hash(seed ^ hash(as_uint(origin.x) ^ hash(as_uint(origin.y) ^ hash(as_uint(origin.z)))));
-    return meet_leaf(scene, &leaf, first, n, b->d, &t_max, &triangle, ANY, seed);
+    return meet_leaf(scene, &leaf, first, n, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed));
 }
 
 // Meets one triangle with all rays that are still lit; `open` gets those that need `meet_leaf_alone`.
@@ -166,6 +169,21 @@ static ulong meet_leaf_with_beam(const Scene *scene, const Beam *b, uint first, 
     return hits;
 }
 
+#if SINGLE_RAYS
+// The rays of a beam that hit anything.
+static ulong trace_beam(const Scene *scene, Beam *b, uint seed)
+{
+    ulong hits = 0ul;
+    for (uint i = 0; i < b->count; ++i) {
+        float3 q = (float3)(((float *)b->qx)[i], ((float *)b->qy)[i], ((float *)b->qz)[i]);
+        float t_max = INFINITY;
+        uint triangle;
+        if (trace_ray(scene, b->base, q, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed)))
+            hits |= 1ul << i;
+    }
+    return hits;
+}
+#else
 // The rays of a beam that hit anything.
 __attribute__((noinline)) static ulong trace_beam(const Scene *scene, Beam *b, uint seed)
 {
@@ -194,3 +212,4 @@ __attribute__((noinline)) static ulong trace_beam(const Scene *scene, Beam *b, u
     }
     return hits;
 }
+#endif

@@ -185,6 +185,16 @@ static void meet_leaf_with_block(const Scene *scene, const Leaf *leaf, uint firs
     }
 }
 
+#if SINGLE_RAYS
+// Finds the nearest hits of a block's rays.
+static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
+{
+    for (uint i = 0; i < BLOCK * BLOCK; ++i) {
+        float3 d = (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
+        trace_ray(scene, origin, low, d, (float *)b->t_max + i, (uint *)b->triangle + i, CLOSEST_FRONT, seed);
+    }
+}
+#else
 // Finds the nearest hits of a block's rays.
 __attribute__((noinline)) static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
 {
@@ -233,3 +243,4 @@ __attribute__((noinline)) static void trace_block(const Scene *scene, float3 ori
         }
     }
 }
+#endif

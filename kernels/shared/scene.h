@@ -1,8 +1,14 @@
 // The scene's buffers. What a scene does not require is a null pointer; kernels built with the feature
 // on do without it all the same.
 
+#if SINGLE_RAYS
+typedef CompactNode Node;
+#else
+typedef WideNode Node;
+#endif
+
 typedef struct {
-    __global const WideNode *nodes;
+    __global const Node *nodes;
     __global const float *leaves;
     __global const Triangle *triangles;
     __global const uint *normals;
@@ -20,7 +26,7 @@ typedef struct {
 } Scene;
 
 #define SCENE_PARAMETERS                                                                            \
-    __global const WideNode *nodes, __global const float *leaves, __global const Triangle *triangles, \
+    __global const Node *nodes, __global const float *leaves, __global const Triangle *triangles,     \
         __global const uint *normals, __global const float4 *tangents, __global const float2 *uv0,   \
         __global const float2 *uv1, __global const uint *colors, __global const Material *materials, \
         __global const TextureInfo *textures, __global const uint *texels, __global const float *srgb, \

@@ -144,13 +144,9 @@ static double volume(double3 d, double3 p, double3 q)
 }
 #endif
 
-// The verdict on one lane that rounding left open; on a hit the volumes become weights of one sign.
-static bool settle(const Leaf *l, uint lane, float3 d, float3 *volumes)
+// The verdict on a triangle that rounding left open; on a hit the volumes become weights of one sign.
+static bool settle_corners(float3 a, float3 b, float3 c, float3 d, float3 *volumes)
 {
-    const float *row = (const float *)l;
-    float3 a = (float3)(row[lane], row[8 + lane], row[16 + lane]);
-    float3 b = (float3)(row[24 + lane], row[32 + lane], row[40 + lane]);
-    float3 c = (float3)(row[48 + lane], row[56 + lane], row[64 + lane]);
 #ifdef cl_khr_fp64
     double3 dd = convert_double3(d), da = convert_double3(a), db = convert_double3(b), dc = convert_double3(c);
     double u = volume(dd, dc, db), v = volume(dd, da, dc), w = volume(dd, db, da);
@@ -176,16 +172,35 @@ static bool settle(const Leaf *l, uint lane, float3 d, float3 *volumes)
 #endif
 }
 
-// A distance that is no nearer and no farther than the triangle itself: seen edge-on, its plane says
-// nothing about where it is.
-static float within_triangle(const Leaf *l, uint lane, float3 d, float distance)
+static void corners_of_lane(const Leaf *l, uint lane, float3 *a, float3 *b, float3 *c)
 {
     const float *row = (const float *)l;
-    float a = dot3(d, (float3)(row[lane], row[8 + lane], row[16 + lane]));
-    float b = dot3(d, (float3)(row[24 + lane], row[32 + lane], row[40 + lane]));
-    float c = dot3(d, (float3)(row[48 + lane], row[56 + lane], row[64 + lane]));
-    float near = min(a, min(b, c)), far = max(a, max(b, c));
+    *a = (float3)(row[lane], row[8 + lane], row[16 + lane]);
+    *b = (float3)(row[24 + lane], row[32 + lane], row[40 + lane]);
+    *c = (float3)(row[48 + lane], row[56 + lane], row[64 + lane]);
+}
+
+static bool settle(const Leaf *l, uint lane, float3 d, float3 *volumes)
+{
+    float3 a, b, c;
+    corners_of_lane(l, lane, &a, &b, &c);
+    return settle_corners(a, b, c, d, volumes);
+}
+
+// A distance that is no nearer and no farther than the triangle itself: seen edge-on, its plane says
+// nothing about where it is.
+static float within_corners(float3 a, float3 b, float3 c, float3 d, float distance)
+{
+    float at_a = dot3(d, a), at_b = dot3(d, b), at_c = dot3(d, c);
+    float near = min(at_a, min(at_b, at_c)), far = max(at_a, max(at_b, at_c));
     return isnan(distance) ? near : clamp(distance, near, far);
+}
+
+static float within_triangle(const Leaf *l, uint lane, float3 d, float distance)
+{
+    float3 a, b, c;
+    corners_of_lane(l, lane, &a, &b, &c);
+    return within_corners(a, b, c, d, distance);
 }
 
 static uint random_of_hit(uint place, float3 d, uint seed)
@@ -269,6 +284,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
     return stored;
 }
 
+#if !SINGLE_RAYS
 typedef union {
     int8 vector;
     uint lane[8];
@@ -342,3 +358,4 @@ __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 or
     }
     return hits;
 }
+#endif

@@ -103,6 +103,16 @@ typedef struct {
     uint children[8];
 } WideNode;
 
+typedef struct {
+    float origin[3];
+    uint exponents;
+    uint first_node;
+    uint first_triangle;
+    uint kinds[2];
+    uint lower[3][2];
+    uint upper[3][2];
+} CompactNode;
+
 #define LEAF 0x80000000u
 #define EMPTY 0xffffffffu
 #define TRIANGLE_ALPHA 0x4000000u

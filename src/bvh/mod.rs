@@ -6,6 +6,7 @@
 pub mod binary;
 mod build;
 pub mod cache;
+pub mod compact;
 mod improve;
 pub mod wide;
 

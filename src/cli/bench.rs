@@ -10,7 +10,7 @@ use super::options::{RenderOptions, eye_fov};
 use super::output;
 use crate::bvh::WideBvh;
 use crate::bvh::wide::Cost;
-use crate::config::Config;
+use crate::config::{Config, WalkConfig};
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::frame::Loaded;
@@ -18,6 +18,7 @@ use crate::gpu::opencl::{Device, device};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 use crate::speed::{Rate, Rates, Workload, export};
+use crate::trace::Walk;
 use crate::trace::probe::{Probe, RayKind, shape_of};
 use crate::trace::warm::{KernelTimes, kernel_times};
 use crate::whole_file;
@@ -60,8 +61,6 @@ struct Tree {
     cached: bool,
     /// To build it, where it was not in the cache, or `--cold` asked for it.
     build_ms: Option<f64>,
-    /// Nodes, vertices in leaf order, and what hits need to know of a triangle.
-    bytes_per_triangle: f64,
 }
 
 #[derive(Serialize)]
@@ -77,6 +76,8 @@ struct Measured {
     device: String,
     platform: String,
     driver: String,
+    walk: Walk,
+    bytes_per_triangle: f64,
     kernels: KernelTimes,
     device_bytes: usize,
     rays: Vec<Row>,
@@ -114,8 +115,7 @@ pub fn run(args: &Args) -> Result<()> {
         shape: shape_of(loaded.scene),
         bvh: loaded.bvh,
     };
-    let mut probes: Vec<Probe> =
-        devices.iter().map(|device| Probe::new(device, &bench.shape, &bench.bvh)).collect::<Result<_>>()?;
+    let mut probes = bench.probes(&devices, config.trace.walk)?;
     let work = Workload::new(&mut probes[0], &bench.shape, &bench.bvh, view, pattern)?;
     probes[1..].iter_mut().try_for_each(|probe| work.load(probe))?;
     if let Some(path) = &args.export {
@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<()> {
     let report = Report {
         scene: args.scene.display().to_string(),
         triangles: bench.shape.mesh.triangles.len(),
-        bvh: Tree { ready_ms, cached, build_ms, ..bench.tree(&probes[0]) },
+        bvh: Tree { ready_ms, cached, build_ms, ..bench.tree() },
         view: Asked {
             width: view.width,
             height: view.height,
@@ -183,7 +183,25 @@ struct Bench {
 }
 
 impl Bench {
-    fn tree(&self, probe: &Probe) -> Tree {
+    /// Every variant of the kernels on every device, or the one that settings ask for.
+    fn probes(&self, devices: &[Device], walk: WalkConfig) -> Result<Vec<Probe>> {
+        let wanted = |device: &Device| match walk {
+            WalkConfig::Auto => Walk::ALL.to_vec(),
+            forced => vec![forced.on(device)],
+        };
+        devices
+            .iter()
+            .flat_map(|device| wanted(device).into_iter().map(move |walk| (device, walk)))
+            .map(|(device, walk)| Probe::new(device, &self.shape, &self.bvh, walk))
+            .collect()
+    }
+
+    /// Bytes of nodes, vertices in leaf order, and what hits need to know of a triangle.
+    fn bytes_per_triangle(&self, probe: &Probe) -> f64 {
+        probe.scene().tree_bytes() as f64 / self.shape.mesh.triangles.len().max(1) as f64
+    }
+
+    fn tree(&self) -> Tree {
         Tree {
             nodes: self.bvh.nodes.len(),
             depth: self.bvh.depth(),
@@ -191,8 +209,6 @@ impl Bench {
             ready_ms: 0.0,
             cached: false,
             build_ms: None,
-            bytes_per_triangle: probe.scene().tree_bytes() as f64
-                / self.shape.mesh.triangles.len().max(1) as f64,
         }
     }
 
@@ -204,7 +220,15 @@ impl Bench {
             device: info.name.clone(),
             platform: info.platform.clone(),
             driver: info.driver.clone(),
-            kernels: kernel_times(device, &Features { sun, ..self.features }, self.bvh.depth(), cold)?,
+            walk: probe.walk(),
+            bytes_per_triangle: self.bytes_per_triangle(probe),
+            kernels: kernel_times(
+                device,
+                &Features { sun, ..self.features },
+                self.bvh.depth(),
+                probe.walk(),
+                cold,
+            )?,
             device_bytes: probe.bytes().iter().map(|b| b.bytes).sum(),
             rays: rates.summary().into_iter().map(|(kind, rate)| Row { kind, rate }).collect(),
         })
@@ -214,14 +238,13 @@ impl Bench {
 impl Report {
     fn text(&self) -> String {
         let mut text = format!(
-            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}, {:.0} bytes a triangle\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
+            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
             self.scene,
             self.triangles,
             self.bvh.nodes,
             self.bvh.depth,
             self.bvh.ready_ms,
             if self.bvh.cached { " from the cache" } else { "" },
-            self.bvh.bytes_per_triangle,
             self.view.width,
             self.view.height,
             self.view.samples,
@@ -240,8 +263,13 @@ impl Measured {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{} ({}): kernels {cold}{:.0} ms warm; {:.3} ms to launch and wait for a frame's",
-            self.device, self.platform, self.kernels.warm_ms, self.kernels.launch_ms
+            "{} ({}), rays {}, {:.0} bytes a triangle: kernels {cold}{:.0} ms warm; {:.3} ms to launch and wait for a frame's",
+            self.device,
+            self.platform,
+            self.walk.name(),
+            self.bytes_per_triangle,
+            self.kernels.warm_ms,
+            self.kernels.launch_ms
         );
         for Row { kind, rate } in &self.rays {
             let each = rate.mrays_per_cpu_second.map_or(String::new(), |r| format!(", {r:.2} a core"));

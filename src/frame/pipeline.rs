@@ -150,10 +150,8 @@ impl Renderer {
     ) -> Result<(Self, Vec<Step>)> {
         let probe = || Ok(devices.first().map_or(Sharing::Staged, |device| interop::probe(device, context)));
         let (sharing, probe_step) = timed("sharing probe", probe)?;
-        let (fleet, fleet_step) = timed("kernels and upload", || {
-            let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?);
-            Fleet::of_devices(devices, &data, sharing == Sharing::ZeroCopy)
-        })?;
+        let (fleet, fleet_step) =
+            timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
         let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
         let crew = Crew::new(fleet, direct);
         let (renderer, shaders_step) = Self::with_crew(crew, context, loaded, config, output)?;
@@ -173,9 +171,8 @@ impl Renderer {
         output: Output,
         sharing: Sharing,
     ) -> Result<(Self, Vec<Step>)> {
-        let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?);
         let direct = Some(device.clone()).filter(|_| sharing == Sharing::ZeroCopy);
-        let fleet = Fleet::of_devices(std::slice::from_ref(device), &data, direct.is_some())?;
+        let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
         let made = Self::with_crew(Crew::new(fleet, direct), context, loaded, config, output)?;
         Ok((made.0, vec![made.1]))
     }
@@ -415,7 +412,8 @@ impl Renderer {
     }
 
     /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside
-    /// a new pattern, the reconstruction's with new shaders. Scene, environment and exposure stay.
+    /// a new pattern, the reconstruction's with new shaders. Scene, environment, exposure and the
+    /// kernels' variant stay.
     ///
     /// # Errors
     /// Where the reconstruction's settings cannot be used.
@@ -434,6 +432,13 @@ impl Renderer {
     pub fn set_jitter(&mut self, jitter: bool) {
         self.settings.jitter = jitter;
     }
+}
+
+/// Opens devices with a scene, each with the variant of the kernels that settings choose for it.
+fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
+    let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?);
+    let walking = |device: &Device| (device.clone(), config.trace.walk.on(device));
+    Fleet::of_devices(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
 }
 
 fn trace_settings(config: &Config) -> trace::Settings {

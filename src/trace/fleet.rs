@@ -7,8 +7,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::SceneData;
 use super::hand::{DeviceHand, Done, Hand, Job};
+use super::{SceneData, Walk};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
@@ -82,22 +82,22 @@ pub struct Round {
 }
 
 impl Fleet {
-    /// Opens devices, the first of which may write landings in place (`direct`).
+    /// Opens devices, each with a variant of the kernels, the first of which may write landings in place (`direct`).
     ///
     /// # Errors
     /// Where none of them can be used: the first one's reason.
-    pub fn of_devices(devices: &[Device], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
-        let opener = |(index, device): (usize, &Device)| {
-            let (device, data) = (device.clone(), data.clone());
+    pub fn of_devices(devices: &[(Device, Walk)], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
+        let opener = |(index, (device, walk)): (usize, &(Device, Walk))| {
+            let (device, walk, data) = (device.clone(), *walk, data.clone());
             let mut name = device.info().name.clone();
-            let twin = |other: &&Device| other.info().name == name;
+            let twin = |other: &&(Device, Walk)| other.0.info().name == name;
             if devices.iter().filter(twin).count() > 1 {
                 name += &format!(" (number {})", devices[..=index].iter().filter(twin).count());
             }
             let open: Opener = Box::new(move |times| {
                 Ok(Box::new(match times {
-                    0 => DeviceHand::new(&device, &data, direct && index == 0)?,
-                    _ => DeviceHand::reopen(device.info(), &data)?,
+                    0 => DeviceHand::new(&device, &data, walk, direct && index == 0)?,
+                    _ => DeviceHand::reopen(device.info(), &data, walk)?,
                 }))
             });
             (name, open)

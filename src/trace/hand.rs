@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{SceneData, Settings, TracePattern, Tracer};
+use super::{SceneData, Settings, TracePattern, Tracer, Walk};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
@@ -93,21 +93,21 @@ struct OwnView {
 }
 
 impl DeviceHand {
-    /// A device that has been opened; `direct` says that it writes landings in place.
+    /// A device that has been opened, with a variant of the kernels; `direct` says that it writes landings in place.
     ///
     /// # Errors
     /// Where the device fails its self-test, or the scene does not fit.
-    pub fn new(device: &Device, data: &SceneData, direct: bool) -> Result<Self> {
+    pub fn new(device: &Device, data: &SceneData, walk: Walk, direct: bool) -> Result<Self> {
         let slices = if device.info().kind == "cpu" { 4 } else { 1 };
-        Ok(DeviceHand { tracer: Tracer::open(device, data)?, direct, slices, views: Vec::new() })
+        Ok(DeviceHand { tracer: Tracer::open(device, data, walk)?, direct, slices, views: Vec::new() })
     }
 
     /// Opens a device anew, as after a failure.
     ///
     /// # Errors
     /// As [`DeviceHand::new`], and where the driver refuses the device.
-    pub fn reopen(info: &DeviceInfo, data: &SceneData) -> Result<Self> {
-        Self::new(&Device::open(info)?, data, false)
+    pub fn reopen(info: &DeviceInfo, data: &SceneData, walk: Walk) -> Result<Self> {
+        Self::new(&Device::open(info)?, data, walk, false)
     }
 
     /// Takes in a view's pattern, where it is new.

@@ -8,9 +8,11 @@ mod scene_buffers;
 mod self_test;
 mod source;
 mod tracer;
+mod walk;
 pub mod warm;
 
 pub use fleet::{Fleet, Opener, Round, State};
 pub use hand::{DeviceHand, Done, Hand, Job, Landing};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer};
+pub use walk::Walk;

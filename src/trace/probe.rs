@@ -12,8 +12,8 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Material, Scene};
 
 use super::source;
-use super::tracer::{self, BLOCKS_PER_TILE, GROUP, Settings};
-use super::{BufferBytes, SceneBuffers, SceneData};
+use super::tracer::{self, BLOCKS_PER_TILE, Settings};
+use super::{BufferBytes, SceneBuffers, SceneData, Walk};
 
 /// Rays of a bundle, which leave one point.
 pub const BUNDLE: usize = 32;
@@ -73,6 +73,7 @@ pub fn shape_of(mut scene: Scene) -> Scene {
 #[derive(Debug)]
 pub struct Probe {
     device: Device,
+    walk: Walk,
     scene: SceneBuffers,
     bytes: Vec<BufferBytes>,
     tiles: Buffer<u32>,
@@ -99,14 +100,15 @@ impl Probe {
     ///
     /// # Errors
     /// Where the kernels do not build, or the scene does not fit.
-    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh) -> Result<Self> {
-        let options = source::options(&Features::default(), bvh.depth());
+    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh, walk: Walk) -> Result<Self> {
+        let options = source::options(&Features::default(), bvh.depth(), walk);
         let program = Program::build(device, "probe", &source::probe_text(), &options)?;
         let darkness = Environment::constant(glam::Vec3::ZERO);
         let data = SceneData::pack(shape, bvh, &darkness)?;
         Ok(Probe {
-            scene: SceneBuffers::upload(device, &data)?,
-            bytes: data.bytes(),
+            scene: SceneBuffers::upload(device, &data, walk)?,
+            walk,
+            bytes: data.bytes(walk),
             tiles: Buffer::new(device, 1)?,
             tile_count: 0,
             anchor: shape.anchor,
@@ -126,6 +128,11 @@ impl Probe {
             hidden: Buffer::new(device, 1)?,
             device: device.clone(),
         })
+    }
+
+    /// The kernels' variant.
+    pub fn walk(&self) -> Walk {
+        self.walk
     }
 
     /// The device.
@@ -199,6 +206,7 @@ impl Probe {
 
     fn launch(&self, kind: RayKind) -> Result<Event> {
         let mut args = self.scene.args();
+        let group = self.walk.group();
         match kind {
             RayKind::Pixels => {
                 args.extend([
@@ -208,7 +216,8 @@ impl Probe {
                     Arg::U32(self.tile_count),
                     Arg::buffer(&self.pixel_hits),
                 ]);
-                self.pixels.launch(&args, self.tile_count as usize * BLOCKS_PER_TILE, GROUP)
+                let blocks = self.tile_count as usize * BLOCKS_PER_TILE;
+                self.pixels.launch(&args, self.walk.items_of_blocks(blocks), group)
             }
             RayKind::Samples => {
                 let count = self.sample_count as u32;
@@ -219,17 +228,17 @@ impl Probe {
                     Arg::U32(count),
                     Arg::buffer(&self.sample_hits),
                 ]);
-                self.samples.launch(&args, self.sample_count.div_ceil(BUNDLE), GROUP)
+                self.samples.launch(&args, self.walk.items_of_samples(self.sample_count), group)
             }
             RayKind::Occlusion => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.hidden));
-                self.occlusion.launch(&args, self.bundle_count, GROUP)
+                self.occlusion.launch(&args, self.walk.items_of_bundles(self.bundle_count), group)
             }
             RayKind::Bounce => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.bounce_hits));
-                self.bounce.launch(&args, self.bundle_count, GROUP)
+                self.bounce.launch(&args, self.walk.items_of_bundles(self.bundle_count), group)
             }
         }
     }

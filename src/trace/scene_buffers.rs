@@ -1,8 +1,12 @@
 //! A scene as devices take it, and in a device's memory.
 
+use std::sync::OnceLock;
+
 use glam::Vec4;
 
+use super::Walk;
 use crate::bvh::WideBvh;
+use crate::bvh::compact::compact_nodes;
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device};
 use crate::layout::{self, pack_normal};
@@ -19,6 +23,8 @@ pub struct SceneData {
     /// Where its coordinates start from.
     pub anchor: glam::DVec3,
     nodes: Vec<layout::WideNode>,
+    /// Made for the first device that walks them.
+    compact: OnceLock<Vec<layout::CompactNode>>,
     leaves: Vec<f32>,
     triangles: Vec<layout::Triangle>,
     normals: Vec<u32>,
@@ -38,7 +44,7 @@ pub struct SceneData {
 /// All buffers of a scene. Those that no feature requires do not exist.
 #[derive(Debug)]
 pub struct SceneBuffers {
-    nodes: Buffer<layout::WideNode>,
+    nodes: Nodes,
     leaves: Buffer<f32>,
     triangles: Buffer<layout::Triangle>,
     normals: Buffer<u32>,
@@ -54,6 +60,29 @@ pub struct SceneBuffers {
     alias: Buffer<layout::Alias>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
     pub(super) shading: layout::Shading,
+}
+
+/// The tree in the form that a variant of the kernels walks.
+#[derive(Debug)]
+enum Nodes {
+    Wide(Buffer<layout::WideNode>),
+    Compact(Buffer<layout::CompactNode>),
+}
+
+impl Nodes {
+    fn arg(&self) -> Arg<'_> {
+        match self {
+            Nodes::Wide(buffer) => Arg::buffer(buffer),
+            Nodes::Compact(buffer) => Arg::buffer(buffer),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Nodes::Wide(buffer) => buffer.bytes(),
+            Nodes::Compact(buffer) => buffer.bytes(),
+        }
+    }
 }
 
 /// A device buffer's name and size.
@@ -97,6 +126,7 @@ impl SceneData {
             depth: bvh.depth(),
             anchor: scene.anchor,
             nodes: bvh.nodes.clone(),
+            compact: OnceLock::new(),
             leaves: bvh.leaf_vertices(&mesh.positions, &mesh.triangles),
             triangles: pack_triangles(scene, bvh),
             normals: mesh.normals.iter().map(|n| pack_normal(n.to_array())).collect(),
@@ -115,16 +145,20 @@ impl SceneData {
         })
     }
 
-    /// Every buffer that a device will hold, with its size.
-    pub fn bytes(&self) -> Vec<BufferBytes> {
+    /// Every buffer that a device with a variant of the kernels will hold, with its size.
+    pub fn bytes(&self, walk: Walk) -> Vec<BufferBytes> {
         fn of<T>(name: &'static str, values: &[T]) -> Option<BufferBytes> {
             Some(BufferBytes { name, bytes: size_of_val(values).max(size_of::<T>()) })
         }
         fn may<T>(name: &'static str, values: &Option<Vec<T>>) -> Option<BufferBytes> {
             values.as_ref().and_then(|values| of(name, values))
         }
+        let node_bytes = match walk {
+            Walk::Together => size_of::<layout::WideNode>(),
+            Walk::Alone => size_of::<layout::CompactNode>(),
+        };
         [
-            of("nodes", &self.nodes),
+            Some(BufferBytes { name: "nodes", bytes: self.nodes.len().max(1) * node_bytes }),
             of("leaves", &self.leaves),
             of("triangles", &self.triangles),
             of("normals", &self.normals),
@@ -149,8 +183,8 @@ impl SceneData {
     ///
     /// # Errors
     /// [`Error::Device`] with what is too large.
-    pub fn check_fit(&self, device: &Device) -> Result<()> {
-        let bytes = self.bytes();
+    pub fn check_fit(&self, device: &Device, walk: Walk) -> Result<()> {
+        let bytes = self.bytes(walk);
         let sum: u64 = bytes.iter().map(|b| b.bytes as u64).sum();
         let refuse = |problem: String| Err(Error::Device { device: device.info().name.clone(), problem });
         let info = device.info();
@@ -171,20 +205,27 @@ impl SceneData {
             None => Ok(()),
         }
     }
+
+    fn compact(&self) -> &[layout::CompactNode] {
+        self.compact.get_or_init(|| compact_nodes(&self.nodes))
+    }
 }
 
 impl SceneBuffers {
-    /// Uploads a scene.
+    /// Uploads a scene for a variant of the kernels.
     ///
     /// # Errors
     /// [`Error::Device`] where it does not fit.
-    pub fn upload(device: &Device, data: &SceneData) -> Result<Self> {
+    pub fn upload(device: &Device, data: &SceneData, walk: Walk) -> Result<Self> {
         fn may<T: bytemuck::Pod>(device: &Device, values: &Option<Vec<T>>) -> Result<Option<Buffer<T>>> {
             values.as_ref().map(|values| Buffer::from_slice(device, values)).transpose()
         }
-        data.check_fit(device)?;
+        data.check_fit(device, walk)?;
         Ok(SceneBuffers {
-            nodes: Buffer::from_slice(device, &data.nodes)?,
+            nodes: match walk {
+                Walk::Together => Nodes::Wide(Buffer::from_slice(device, &data.nodes)?),
+                Walk::Alone => Nodes::Compact(Buffer::from_slice(device, data.compact())?),
+            },
             leaves: Buffer::from_slice(device, &data.leaves)?,
             triangles: Buffer::from_slice(device, &data.triangles)?,
             normals: Buffer::from_slice(device, &data.normals)?,
@@ -208,7 +249,7 @@ impl SceneBuffers {
     /// The kernels' first arguments, in the order of `SCENE_PARAMETERS`.
     pub(super) fn args(&self) -> Vec<Arg<'_>> {
         vec![
-            Arg::buffer(&self.nodes),
+            self.nodes.arg(),
             Arg::buffer(&self.leaves),
             Arg::buffer(&self.triangles),
             Arg::buffer(&self.normals),

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
-use super::{SceneData, Settings, Tracer};
+use super::{SceneData, Settings, Tracer, Walk};
 use crate::bvh::WideBvh;
 use crate::error::{Error, Result};
 use crate::foveation::{Law, Pattern};
@@ -24,11 +24,11 @@ const RADIANCE: f64 = 0.1;
 ///
 /// # Errors
 /// [`Error::Device`] where the device fails, or computes something else.
-pub fn run(device: &Device, program: &Program, features: &Features) -> Result<()> {
+pub fn run(device: &Device, program: &Program, features: &Features, walk: Walk) -> Result<()> {
     let scene = floor();
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let data = SceneData::pack(&scene, &bvh, &Environment::constant(Vec3::ONE))?;
-    let mut tracer = Tracer::with_program(device, program, &data, features)?;
+    let mut tracer = Tracer::with_program(device, program, &data, features, walk)?;
     let view = View {
         world_from_eye: Pose::look_at(DVec3::new(0.0, 1.0, 0.3), DVec3::new(0.0, 0.0, -1.0)),
         fov: FieldOfView::symmetric(1.6, 1.0),

@@ -10,10 +10,7 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::source;
-use super::{SceneBuffers, SceneData};
-
-/// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
-pub(super) const GROUP: usize = 8;
+use super::{SceneBuffers, SceneData, Walk};
 
 /// Work-items of `trace_pixels`, `light_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
 pub(super) const BLOCKS_PER_TILE: usize = 4;
@@ -57,6 +54,7 @@ pub struct Traced {
 pub struct Tracer {
     device: Device,
     scene: SceneBuffers,
+    walk: Walk,
     anchor: glam::DVec3,
     trace_pixels: Kernel,
     trace_samples: Kernel,
@@ -120,36 +118,39 @@ impl Tracer {
     /// Where the kernels do not build, or the scene does not fit.
     pub fn new(device: &Device, scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
         let features = Features::required_by(scene, environment);
-        Self::with_features(device, scene, bvh, environment, &features)
+        Self::with_features(device, scene, bvh, environment, &features, Walk::for_device(device))
     }
 
-    /// Builds the kernels that a packed scene requires, has the device show that they work, and uploads the
-    /// scene.
+    /// Builds a variant of the kernels that a packed scene requires, has the device show that they work, and
+    /// uploads the scene.
     ///
     /// # Errors
     /// Where the kernels do not build, the device computes something else than it should, or the scene does
     /// not fit.
-    pub fn open(device: &Device, data: &SceneData) -> Result<Self> {
-        data.check_fit(device)?;
-        let program = Self::build(device, &data.features, data.depth)?;
-        super::self_test::run(device, &program, &data.features)?;
-        Self::with_program(device, &program, data, &data.features)
+    pub fn open(device: &Device, data: &SceneData, walk: Walk) -> Result<Self> {
+        data.check_fit(device, walk)?;
+        let program = Self::build(device, &data.features, data.depth, walk)?;
+        super::self_test::run(device, &program, &data.features, walk)?;
+        Self::with_program(device, &program, data, &data.features, walk)
     }
 
-    fn build(device: &Device, features: &Features, depth: u32) -> Result<Program> {
-        Program::build(device, "foveate", &source::text(), &source::options(features, depth))
+    fn build(device: &Device, features: &Features, depth: u32, walk: Walk) -> Result<Program> {
+        Program::build(device, "foveate", &source::text(), &source::options(features, depth, walk))
     }
 
-    /// Like [`Tracer::new`], with kernels built for given features: at least those that are required.
+    /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
+    /// given variant.
     pub fn with_features(
         device: &Device,
         scene: &Scene,
         bvh: &WideBvh,
         environment: &Environment,
         features: &Features,
+        walk: Walk,
     ) -> Result<Self> {
         let data = SceneData::pack(scene, bvh, environment)?;
-        Self::with_program(device, &Self::build(device, features, data.depth)?, &data, features)
+        let program = Self::build(device, features, data.depth, walk)?;
+        Self::with_program(device, &program, &data, features, walk)
     }
 
     pub(super) fn with_program(
@@ -157,9 +158,11 @@ impl Tracer {
         program: &Program,
         data: &SceneData,
         features: &Features,
+        walk: Walk,
     ) -> Result<Self> {
         Ok(Tracer {
-            scene: SceneBuffers::upload(device, data)?,
+            scene: SceneBuffers::upload(device, data, walk)?,
+            walk,
             anchor: data.anchor,
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
@@ -306,7 +309,7 @@ impl Tracer {
             Arg::buffer(records),
             Arg::buffer(&packed),
         ];
-        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, GROUP)?;
+        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, self.walk.group())?;
         packed.to_vec()
     }
 
@@ -373,21 +376,22 @@ impl Tracer {
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Vec<Event>> {
         let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
+        let group = self.walk.group();
         let blocks = count as usize * BLOCKS_PER_TILE;
         let mut args = self.scene.args();
         args.push(Arg::value(camera));
         args.extend(tiles);
         args.push(Arg::buffer(&self.hits));
-        let trace = self.trace_pixels.launch(&args, blocks, GROUP)?;
+        let trace = self.trace_pixels.launch(&args, self.walk.items_of_blocks(blocks), group)?;
         let mut args = self.scene.args();
         args.extend([Arg::value(camera), Arg::value(shading)]);
         args.extend(tiles);
         args.extend([Arg::buffer(&self.hits), Arg::buffer(records)]);
-        let describe = self.describe_pixels.launch(&args, count as usize * ROWS_PER_TILE, GROUP)?;
+        let describe = self.describe_pixels.launch(&args, count as usize * ROWS_PER_TILE, group)?;
         let mut events = vec![trace, describe];
         if let Some(kernel) = &self.light_pixels {
             args.push(Arg::buffer(&self.counters));
-            events.push(kernel.launch(&args, blocks, GROUP)?);
+            events.push(kernel.launch(&args, blocks, group)?);
         }
         Ok(events)
     }
@@ -411,7 +415,7 @@ impl Tracer {
             Arg::buffer(records),
             Arg::buffer(&self.counters),
         ]);
-        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, GROUP)
+        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.walk.group())
     }
 
     fn trace_only_samples(
@@ -428,7 +432,8 @@ impl Tracer {
             Arg::U32(part.samples.len() as u32),
             Arg::buffer(&self.hits),
         ]);
-        self.trace_samples.launch(&args, part.samples.len().div_ceil(32), GROUP)
+        let items = self.walk.items_of_samples(part.samples.len());
+        self.trace_samples.launch(&args, items, self.walk.group())
     }
 
     fn shade(
@@ -452,7 +457,7 @@ impl Tracer {
             Arg::buffer(samples),
             Arg::buffer(&self.counters),
         ]);
-        self.shade_samples.launch(&args, part.samples.len(), GROUP)
+        self.shade_samples.launch(&args, part.samples.len(), self.walk.group())
     }
 }
 

@@ -10,8 +10,8 @@ use crate::layout::{Camera, Shading};
 use crate::measure::stats::median;
 use crate::scene::Features;
 
+use super::Walk;
 use super::source;
-use super::tracer::GROUP;
 
 /// Times in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -27,15 +27,21 @@ pub struct KernelTimes {
 /// How many times launching is repeated.
 const LAUNCHES: usize = 51;
 
-/// Builds the kernels for `features` and trees of `depth` levels, and launches them without work.
+/// Builds a variant of the kernels for `features` and trees of `depth` levels, and launches them without work.
 ///
 /// # Errors
 /// Where they do not build or launch.
-pub fn kernel_times(device: &Device, features: &Features, depth: u32, cold: bool) -> Result<KernelTimes> {
-    let options = source::options(features, depth);
+pub fn kernel_times(
+    device: &Device,
+    features: &Features,
+    depth: u32,
+    walk: Walk,
+    cold: bool,
+) -> Result<KernelTimes> {
+    let options = source::options(features, depth, walk);
     let build = |options: &str| -> Result<(f64, Idle)> {
         let start = Instant::now();
-        let idle = Idle::build(device, features, options)?;
+        let idle = Idle::build(device, features, walk, options)?;
         idle.launch()?;
         Ok((start.elapsed().as_secs_f64() * 1e3, idle))
     };
@@ -60,12 +66,13 @@ fn nonce() -> u128 {
 /// A frame's kernels with nothing to do.
 struct Idle {
     device: Device,
+    walk: Walk,
     kernels: Vec<(&'static str, Kernel)>,
     counters: Buffer<u32>,
 }
 
 impl Idle {
-    fn build(device: &Device, features: &Features, options: &str) -> Result<Idle> {
+    fn build(device: &Device, features: &Features, walk: Walk, options: &str) -> Result<Idle> {
         let program = Program::build(device, "foveate", &source::text(), options)?;
         let mut names =
             vec!["trace_pixels", "trace_samples", "describe_pixels", "share_edges", "shade_samples"];
@@ -74,7 +81,7 @@ impl Idle {
         }
         let kernels =
             names.into_iter().map(|name| Ok((name, program.kernel(name)?))).collect::<Result<_>>()?;
-        Ok(Idle { device: device.clone(), kernels, counters: Buffer::new(device, 2)? })
+        Ok(Idle { device: device.clone(), walk, kernels, counters: Buffer::new(device, 2)? })
     }
 
     fn launch(&self) -> Result<()> {
@@ -119,7 +126,7 @@ impl Idle {
                     Arg::buffer(&self.counters),
                 ]),
             }
-            kernel.launch(&args, 1, GROUP)?;
+            kernel.launch(&args, 1, self.walk.group())?;
         }
         self.device.finish()
     }

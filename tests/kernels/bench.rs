@@ -9,7 +9,7 @@ use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{Environment, Features, Scene};
-use foveate::trace::{Settings, Tracer};
+use foveate::trace::{Settings, Tracer, Walk};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
@@ -67,8 +67,18 @@ impl Bench {
     }
 
     pub fn with(device: &Device, scene: &Scene, environment: &Environment, features: &Features) -> Self {
+        Self::walking(device, scene, environment, features, Walk::for_device(device))
+    }
+
+    pub fn walking(
+        device: &Device,
+        scene: &Scene,
+        environment: &Environment,
+        features: &Features,
+        walk: Walk,
+    ) -> Self {
         let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-        let tracer = Tracer::with_features(device, scene, &bvh, environment, features).unwrap();
+        let tracer = Tracer::with_features(device, scene, &bvh, environment, features, walk).unwrap();
         Bench { bvh, tracer, device: device.clone() }
     }
 

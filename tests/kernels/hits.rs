@@ -4,10 +4,11 @@ use foveate::gpu::opencl::Device;
 use foveate::math::view::View;
 use foveate::reference::{self, Tracer};
 use foveate::scene::{Environment, Scene};
+use foveate::trace::Walk;
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::bench::{Bench, PLAIN, Picture, all_pixels, on_every_device, view};
+use crate::bench::{Bench, EVERYTHING, PLAIN, Picture, all_pixels, on_every_device, view};
 use crate::scenes::{self, matt};
 
 /// Kernels round directions, corners and distances to 24 bits: sideways a hit may be off by this, relative
@@ -39,16 +40,25 @@ fn disagreements(scene: &Scene, view: &View, picture: &Picture) -> (usize, Vec<u
 
 /// All pixels' hits; sometimes by way of samples, sometimes by way of pixels.
 fn trace(device: &Device, scene: &Scene, view: &View, guided: bool) -> Picture {
+    trace_by(device, scene, view, guided, Walk::for_device(device))
+}
+
+fn trace_by(device: &Device, scene: &Scene, view: &View, guided: bool, walk: Walk) -> Picture {
     let light = Environment::constant(Vec3::ONE);
     let settings = foveate::trace::Settings { rays: 1, guided, ..PLAIN };
-    Bench::new(device, scene, &light).trace(view, &settings, &all_pixels(view))
+    Bench::walking(device, scene, &light, &EVERYTHING, walk).trace(view, &settings, &all_pixels(view))
 }
 
 fn check(device: &Device, name: &str, scene: &Scene, view: &View) {
-    for guided in [false, true] {
-        let picture = trace(device, scene, view, guided);
+    for (walk, guided) in Walk::ALL.into_iter().flat_map(|walk| [false, true].map(|guided| (walk, guided))) {
+        let picture = trace_by(device, scene, view, guided, walk);
         let (hits, wrong) = disagreements(scene, view, &picture);
-        println!("{name}: {} rays, {hits} hits, {} disagreements", view.pixels(), wrong.len());
+        println!(
+            "{name}, {}: {} rays, {hits} hits, {} disagreements",
+            walk.name(),
+            view.pixels(),
+            wrong.len()
+        );
         assert!(hits > view.pixels() / 50, "{name}: too few hits to tell");
         assert_eq!(wrong.first(), None, "{name}: {} of {} rays", wrong.len(), view.pixels());
     }
@@ -131,10 +141,12 @@ fn closed_surface_has_no_holes() {
             ] {
                 let eye = middle + offset * f64::from(radius);
                 let view = view(eye, eye + target * f64::from(radius), 150.0, (300, 300));
-                let picture = trace(device, &scene, &view, false);
-                let misses = picture.hits.iter().filter(|hit| hit.triangle == u32::MAX).count();
-                assert_eq!(misses, 0, "{levels} {centre} {radius}: holes");
-                rays += view.pixels();
+                for walk in Walk::ALL {
+                    let picture = trace_by(device, &scene, &view, false, walk);
+                    let misses = picture.hits.iter().filter(|hit| hit.triangle == u32::MAX).count();
+                    assert_eq!(misses, 0, "{levels} {centre} {radius} {}: holes", walk.name());
+                    rays += view.pixels();
+                }
             }
         }
         println!("closed surfaces: {rays} rays, 0 misses");
@@ -154,10 +166,13 @@ fn no_light_leaks_into_a_closed_surface() {
             let eye = centre.as_dvec3() + DVec3::new(0.1, 0.2, 0.3) * f64::from(radius);
             let view = view(eye, centre.as_dvec3(), 150.0, (32, 32));
             let settings = foveate::trace::Settings { rays: 256, ..PLAIN };
-            let picture = Bench::new(device, &scene, &light).trace(&view, &settings, &all_pixels(&view));
-            let lit = picture.samples.iter().filter(|sample| sample.first != [0.0; 3]).count();
-            assert_eq!(lit, 0, "{centre} {radius}: {lit} of 1024 samples see light");
-            assert!(picture.rays > 200_000);
+            for walk in Walk::ALL {
+                let mut bench = Bench::walking(device, &scene, &light, &EVERYTHING, walk);
+                let picture = bench.trace(&view, &settings, &all_pixels(&view));
+                let lit = picture.samples.iter().filter(|sample| sample.first != [0.0; 3]).count();
+                assert_eq!(lit, 0, "{centre} {radius} {}: {lit} of 1024 samples see light", walk.name());
+                assert!(picture.rays > 200_000);
+            }
         }
     });
 }

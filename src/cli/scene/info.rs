@@ -49,9 +49,10 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
+    let walk = config.trace.walk.on(&machine.device);
     let data = SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?;
-    let buffers = SceneBuffers::upload(&machine.device, &data)?;
-    let device_buffers = data.bytes();
+    let buffers = SceneBuffers::upload(&machine.device, &data, walk)?;
+    let device_buffers = data.bytes(walk);
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),

@@ -1,0 +1,63 @@
+//! How rays walk the tree: the kernels' variants.
+
+use crate::gpu::opencl::Device;
+
+/// A variant of the kernels. All find the same hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Walk {
+    /// Rays that belong together share a work-item, and vector lanes test eight boxes or triangles: for processors.
+    Together,
+    /// A work-item follows one ray after the other through compact nodes: for graphics processors.
+    Alone,
+}
+
+impl Walk {
+    /// All variants.
+    pub const ALL: [Walk; 2] = [Walk::Together, Walk::Alone];
+
+    /// What suits a device's kind.
+    pub fn for_device(device: &Device) -> Walk {
+        if device.info().kind == "gpu" { Walk::Alone } else { Walk::Together }
+    }
+
+    /// Its name, as in settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Walk::Together => "together",
+            Walk::Alone => "alone",
+        }
+    }
+
+    /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
+    pub(super) fn group(self) -> usize {
+        match self {
+            Walk::Together => 8,
+            Walk::Alone => 64,
+        }
+    }
+
+    /// Work-items that trace the camera rays of blocks of 8 by 8 pixels.
+    pub(super) fn items_of_blocks(self, blocks: usize) -> usize {
+        match self {
+            Walk::Together => blocks,
+            Walk::Alone => blocks * 64,
+        }
+    }
+
+    /// Work-items that trace samples' camera rays.
+    pub(super) fn items_of_samples(self, samples: usize) -> usize {
+        match self {
+            Walk::Together => samples.div_ceil(32),
+            Walk::Alone => samples,
+        }
+    }
+
+    /// Work-items that trace bundles of 32 rays.
+    pub(super) fn items_of_bundles(self, bundles: usize) -> usize {
+        match self {
+            Walk::Together => bundles,
+            Walk::Alone => bundles * 32,
+        }
+    }
+}
