@@ -20,7 +20,6 @@ pack() {
   local tests
   tests=$(cargo test "${options[@]}" --test kernels --no-run --message-format json \
     | sed -n 's/.*"executable":"\([^"]*kernels-[^"]*\)".*/\1/p' | tail -1)
-  local bundle
   bundle=$(mktemp -d)
   trap 'rm -rf "$bundle"' EXIT
   mkdir -p "$bundle/gpu-check/lib" "$bundle/gpu-check/data/scenes" "$(dirname "$out")"
