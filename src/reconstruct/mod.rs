@@ -243,7 +243,7 @@ impl Reconstruction {
         commands.end_stage("filter");
         for output in frame.outputs {
             let pass = &self.passes[&output.target.format()];
-            draw(commands, pass, tables, &self.settings, frame, output, (rays, pixel_width), &warp)?;
+            draw(commands, pass, tables, &self.settings, frame, output, (rays, pixel_width, &warp))?;
         }
         commands.end_stage("reconstruct");
         commands.submit()
@@ -353,8 +353,7 @@ fn draw(
     settings: &Settings,
     frame: &Frame<'_>,
     output: &Output<'_>,
-    (rays, pixel_width): (Rays, f32),
-    warp: &BufferRef,
+    (rays, pixel_width, warp): (Rays, f32, &BufferRef),
 ) -> Result<()> {
     let Rect { x, y, width, height } = output.rect;
     let [source_x, source_y] = output.source;
