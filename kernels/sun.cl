@@ -14,8 +14,8 @@ static bool sun_origin(const Facet *f, float3 d, float3 sun, float3 *origin)
     return dot3(n, sun) > 0.0f;
 }
 
-// Adds the sun's visibility to the records of all pixels of the tiles first .. first + count; a work-item
-// takes 8 by 8 of them.
+// Writes the sun's visibility into the records of all pixels of the tiles first .. first + count, whose rest
+// `describe_pixels` fills in; a work-item takes 8 by 8 of them.
 __kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
                            uint count_of_tiles, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {
@@ -33,6 +33,7 @@ __kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __g
         if (x >= camera.width || y >= camera.height)
             continue;
         HitRecord hit = hits[y * camera.width + x];
+        records[y * camera.width + x].normal = 0u;
         if (hit.triangle == NONE)
             continue;
         if (hit.triangle != prepared)
@@ -65,7 +66,7 @@ __kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __g
         for (uint k = 0; k < count; ++k)
             if (!(hidden >> k & 1ul)) {
                 uint x = left + members[k] % BLOCK, y = top + members[k] / BLOCK;
-                records[y * camera.width + x].normal |= SUN_VISIBLE;
+                records[y * camera.width + x].normal = SUN_VISIBLE;
             }
     }
 }

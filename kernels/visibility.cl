@@ -7,8 +7,8 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
 }
 
 // Normals are those of vertices, without normal maps, as in SampleRecord: they tell surfaces apart. With
-// the map they are needed for the sun's light, which only pixels know.
-static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, float3 d, float depth)
+// the map they are needed where the sun shines, which only pixels know.
+static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, float3 d, float depth, bool lit)
 {
     __global const Material *material = spot->facet->material;
     float3 base = base_at(scene, spot), emission;
@@ -30,15 +30,17 @@ static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, floa
     float3 smooth = smooth_normal(spot);
     VisibilityRecord record = {pack_normal24(face_viewer(smooth, d, spot->facet->geometric)), depth,
                                pack_albedo(base, metallic, roughness), pack_emission(emission)};
-#if HAS_SUN && HAS_NORMAL_MAPS
+    if (lit)
+        record.normal |= SUN_VISIBLE;
+#if HAS_NORMAL_MAPS
     // What shines itself needs the sun's shading less than its own light.
-    if (material->textures[2].texture != NONE && record.emission == 0u)
+    if (lit && material->textures[2].texture != NONE && record.emission == 0u)
         record.emission = MAPPED_NORMAL | pack_normal24(face_viewer(mapped_normal(scene, spot, smooth), d, spot->facet->geometric));
 #endif
     return record;
 }
 
-// A work-item takes a row of a tile: neighbours often see one triangle, which is prepared once.
+// After `light_pixels`, where there is a sun. A work-item takes a row of a tile: neighbours often see one triangle, which is prepared once.
 __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
                               uint count, __global const HitRecord *hits, __global VisibilityRecord *records)
 {
@@ -64,6 +66,11 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
             facet = facet_of(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low));
         prepared = hit.triangle;
         Spot spot = spot_on(&scene, &facet, d, hit.t * camera.step[0]);
-        records[pixel] = describe_spot(&scene, &spot, d, view_depth(&camera, d, hit.t));
+#if HAS_SUN
+        bool lit = records[pixel].normal == SUN_VISIBLE;
+#else
+        bool lit = false;
+#endif
+        records[pixel] = describe_spot(&scene, &spot, d, view_depth(&camera, d, hit.t), lit);
     }
 }

@@ -139,8 +139,8 @@ pub struct VisibilityRecord {
     /// Base colour, three 8-bit unorms of its square root (R in the low byte), then metalness (low)
     /// and perceptual roughness (high) as 4-bit unorms in the high byte, both of the nearest texel.
     pub albedo: u32,
-    /// Emitted radiance, or the background's: see [`pack_emission`]. With a sun, a surface that has a normal
-    /// map and emits nothing has [`MAPPED_NORMAL`] here, and in the low 24 bits the normal with its map.
+    /// Emitted radiance, or the background's: see [`pack_emission`]. Where the sun's centre is seen, a surface that
+    /// has a normal map and emits nothing has [`MAPPED_NORMAL`] here, and in the low 24 bits the normal with its map.
     pub emission: u32,
 }
 

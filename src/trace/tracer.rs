@@ -387,12 +387,14 @@ impl Tracer {
         args.extend([Arg::value(camera), Arg::value(shading)]);
         args.extend(tiles);
         args.extend([Arg::buffer(&self.hits), Arg::buffer(records)]);
-        let describe = self.describe_pixels.launch(&args, count as usize * ROWS_PER_TILE, group)?;
-        let mut events = vec![trace, describe];
+        let mut events = vec![trace];
         if let Some(kernel) = &self.light_pixels {
-            args.push(Arg::buffer(&self.counters));
+            let counters = [Arg::buffer(&self.counters)];
+            let args: Vec<_> = args.iter().copied().chain(counters).collect();
             events.push(kernel.launch(&args, blocks, group)?);
         }
+        // Only where the sun shines are the normals of maps wanted.
+        events.push(self.describe_pixels.launch(&args, count as usize * ROWS_PER_TILE, group)?);
         Ok(events)
     }
 
