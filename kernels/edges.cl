@@ -5,14 +5,14 @@
 // shaded: the reconstruction blends the pixel with that neighbour. Visibility has more samples than
 // shading, as in subpixel reconstruction antialiasing (Chajdas et al. 2011), but only where it changes.
 
-// Two hits lie on one surface if a pixel's width times this is more than their distance from each
-// other's plane, and if their normals' cosine is at least SAME_NORMAL.
+// Two hits lie on one surface if one of them is nearer to the other's plane than so many pixels' widths,
+// and if their normals' cosine is at least SAME_NORMAL.
 #define SAME_PLANE 1.5f
 #define SAME_NORMAL 0.9f
 // Steps of 255 by which the roots of base colours may differ.
 #define SAME_BASE 24
 #define MOST_EDGE_RAYS 8u
-// Sixteenths of a pixel that belong to a neighbour, and which one that is, in a record's normal.
+// Fifteenths of a pixel that belong to a neighbour, and which one that is, in a record's normal.
 #define NEIGHBOUR_SHIFT 24
 #define SHARE_SHIFT 27
 #define WHOLE_SHARE 15.0f
@@ -184,7 +184,8 @@ static uint packed_share(const uint votes[8], uint rays)
 }
 
 // The same at a shadow's edge, from how many neighbours it separates from the pixel: where three in a row
-// are, as along a straight edge, a quarter, which is the mean of what such an edge cuts off.
+// are, as along a straight edge, an eighth: the edge lies in one of the two pixels beside it, and there it cuts
+// off a quarter on average.
 static uint share_of_shadow(const Pixels *p, uint x, uint y)
 {
     uint winner = 0u, apart = 0u;
@@ -197,11 +198,12 @@ static uint share_of_shadow(const Pixels *p, uint x, uint y)
         // One that shares a side with the pixel, if there is one.
         winner = apart == 1u || (place & 1u) ? i : winner;
     }
-    return winner << NEIGHBOUR_SHIFT | (uint)((float)apart / 12.0f * WHOLE_SHARE + 0.5f) << SHARE_SHIFT;
+    return winner << NEIGHBOUR_SHIFT | (uint)((float)apart / 24.0f * WHOLE_SHARE + 0.5f) << SHARE_SHIFT;
 }
 
-// Adds the neighbours' shares to the records of all pixels of the tiles first .. first + tile_count; a work-item takes 8
-// by 8 of them. counters[0] sums the rays.
+// Adds the neighbours' shares to the records of all pixels of the tiles first .. first + tile_count; a work-item
+// takes 8 by 8 of them. It reads neighbours' records while others write theirs: of these it looks only at bits
+// that no work-item changes. counters[0] sums the rays.
 __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global const uint *tiles, uint first,
                           uint tile_count, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {

@@ -5,12 +5,8 @@
 __kernel void pack_visibility(Camera camera, __global const uint *tiles, uint first, uint count,
                               __global const VisibilityRecord *records, __global VisibilityRecord *packed)
 {
-    uint item = (uint)get_global_id(0);
-    if (item >= count * TILE)
-        return;
-    uint across = (camera.width + TILE - 1u) / TILE, tile = tiles[first + item / TILE];
-    uint left = tile % across * TILE, y = tile / across * TILE + item % TILE;
-    if (y >= camera.height)
+    uint item = (uint)get_global_id(0), left, y;
+    if (!row_start(&camera, tiles, first, count, item, &left, &y))
         return;
     for (uint x = 0; x < min(TILE, camera.width - left); ++x)
         packed[item * TILE + x] = records[y * camera.width + left + x];

@@ -40,17 +40,14 @@ static VisibilityRecord describe_spot(const Scene *scene, const Spot *spot, floa
     return record;
 }
 
-// After `light_pixels`, where there is a sun. A work-item takes a row of a tile: neighbours often see one triangle, which is prepared once.
+// After `light_pixels`, where there is a sun. A work-item takes a row of a tile: neighbours often see one
+// triangle, which is prepared once.
 __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
                               uint count, __global const HitRecord *hits, __global VisibilityRecord *records)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint item = (uint)get_global_id(0);
-    if (item >= count * TILE)
-        return;
-    uint across = (camera.width + TILE - 1u) / TILE, tile = tiles[first + item / TILE];
-    uint left = tile % across * TILE, y = tile / across * TILE + item % TILE;
-    if (y >= camera.height)
+    uint left, y;
+    if (!row_start(&camera, tiles, first, count, (uint)get_global_id(0), &left, &y))
         return;
     Facet facet;
     uint prepared = NONE;

@@ -15,3 +15,15 @@ static bool block_corner(const Camera *camera, __global const uint *tiles, uint 
     *top = tile / across * TILE + (item >> 1 & 1u) * BLOCK;
     return *left < camera->width && *top < camera->height;
 }
+
+// The first pixel of row `item` of those tiles; false where there is none.
+static bool row_start(const Camera *camera, __global const uint *tiles, uint first, uint count, uint item, uint *left,
+                      uint *y)
+{
+    if (item >= count * TILE)
+        return false;
+    uint across = (camera->width + TILE - 1u) / TILE, tile = tiles[first + item / TILE];
+    *left = tile % across * TILE;
+    *y = tile / across * TILE + item % TILE;
+    return *y < camera->height;
+}

@@ -1,7 +1,7 @@
 //! Edges inside pixels: what the kernels say a neighbour's surface fills of a pixel, against what 256 of the
 //! reference's rays find in it.
 
-use foveate::layout::VisibilityRecord;
+use foveate::layout::{SUN_VISIBLE, VisibilityRecord};
 use foveate::math::view::View;
 use foveate::reference::{self, Tracer};
 use foveate::scene::Scene;
@@ -9,6 +9,7 @@ use foveate::trace::Settings;
 use glam::{DVec2, DVec3, Vec3};
 
 use crate::bench::{Bench, PLAIN, Picture, all_pixels, on_every_device, view};
+use crate::cases::floor_under_sky;
 use crate::scenes::{colourful, cuboid, floor, matt, quad, scene_of};
 
 const SIZE: (u32, u32) = (48, 32);
@@ -83,6 +84,47 @@ fn shares_are_what_other_surfaces_fill() {
         }
         // Without rays the whole foreign part is the error: the comparison can fail.
         assert!(errors[0] > 0.2 && errors[1] < 0.16 && errors[2] < 0.12 && errors[3] < 0.09, "{errors:?}");
+    });
+}
+
+/// Shadows' edges are guessed from which neighbours see the sun: the squared error of the part that lies on the
+/// other side is less than without a guess, and the neighbour named is on that side.
+#[test]
+fn shadows_edges_are_shared_too() {
+    on_every_device(|device| {
+        let mut scene = scene_of(vec![matt(0.5)]);
+        floor(&mut scene, 9.0, 0.0, 0);
+        // Out of view above the floor, with edges that run along no row of pixels.
+        let sheet = [[-0.8, 4.0, -0.6], [-0.5, 4.0, 0.9], [0.9, 4.0, 0.5], [0.6, 4.0, -0.9]].map(Vec3::from);
+        quad(&mut scene, sheet, 0);
+        let light = floor_under_sky().light;
+        let sun = light.sun.unwrap().direction.as_dvec3();
+        let shadow = -sun * (4.0 / sun.y) + DVec3::Y * 4.0;
+        let view = view(shadow + DVec3::new(0.4, 2.5, 1.9), shadow, 60.0, SIZE);
+        let picture = Bench::new(device, &scene, &light).trace(&view, &guided(2), &all_pixels(&view));
+        let tracer = Tracer::new(&scene);
+        let lit = |ray: reference::Ray| {
+            let hit = tracer.closest(&ray, f64::INFINITY).unwrap();
+            let origin = ray.origin + ray.direction * hit.t + DVec3::Y * 1e-5;
+            !tracer.occluded(&reference::Ray { origin, direction: sun }, f64::INFINITY)
+        };
+        let (mut error, mut ignored, mut edges) = (0.0, 0.0, 0);
+        for (pixel, record) in picture.visibility.iter().enumerate() {
+            let own = record.normal & SUN_VISIBLE;
+            let corner = DVec2::new((pixel % SIZE.0 as usize) as f64, (pixel / SIZE.0 as usize) as f64);
+            let at = |i: u32| corner + (DVec2::new(f64::from(i % 16), f64::from(i / 16)) + 0.5) / 16.0;
+            let other = |i: &u32| lit(reference::camera_ray(&scene, &view, at(*i))) != (own != 0);
+            let foreign = (0..256).filter(other).count() as f64 / 256.0;
+            let (share, neighbour) = share_of(record, pixel, SIZE.0);
+            if share > 0.0 {
+                assert_ne!(picture.visibility[neighbour].normal & SUN_VISIBLE, own, "{pixel}");
+                edges += 1;
+            }
+            error += (share - foreign).powi(2);
+            ignored += foreign.powi(2);
+        }
+        println!("{edges} pixels share a shadow's edge: squared error {error:.2}, without {ignored:.2}");
+        assert!(edges > 40 && error < 0.7 * ignored, "{edges}: {error} {ignored}");
     });
 }
 
