@@ -48,7 +48,7 @@ __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint 
     uint columns = min(camera.width - left, BLOCK), lines = min(camera.height - top, BLOCK);
     for (uint y = 0; y < lines; ++y)
         for (uint x = 0; x < columns; ++x) {
-            HitRecord hit = {((uint *)&block.triangle[y])[x], ((float *)&block.t_max[y])[x]};
+            HitRecord hit = {((uint *)block.triangle)[BLOCK * y + x], ((float *)block.t_max)[BLOCK * y + x]};
             hits[(top + y) * camera.width + left + x] = hit;
         }
 }
@@ -63,9 +63,21 @@ __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint
         return;
     uint n = min(count - begin, 32u);
     Stream s;
-    for (uint i = 0; i < n; ++i) {
-        uint at = samples[first + begin + i];
-        set_ray(&s, i, camera_ray(&camera, at & 0xffffu, at >> 16), INFINITY);
+    float16 x[2], y[2];
+    for (uint i = 0; i < 32u; ++i) {
+        uint at = samples[first + begin + min(i, n - 1u)];
+        float2 point = point_of_pixel(&camera, at & 0xffffu, at >> 16);
+        ((float *)x)[i] = point.x;
+        ((float *)y)[i] = point.y;
+        s.t_max[i] = INFINITY;
+        s.triangle[i] = NONE;
+    }
+    for (uint i = 0; i < 2u; ++i) {
+        float16 dx, dy, dz;
+        rays_through(&camera, x[i], y[i], &dx, &dy, &dz);
+        vstore16(dx, i, s.dx);
+        vstore16(dy, i, s.dy);
+        vstore16(dz, i, s.dz);
     }
     trace_stream(&scene, load3(camera.origin), load3(camera.origin_low), &s, n == 32u ? 0xffffffffu : (1u << n) - 1u,
                  CLOSEST_FRONT, camera.seed);

@@ -134,7 +134,7 @@ static ulong meet_beam_lane(const Leaf *l, uint lane, const Beam *b, ulong lit, 
         float8 w = fma(b->qx[y], (float8)gw.x, fma(b->qy[y], (float8)gw.y, fma(b->qz[y], (float8)gw.z, (float8)w0)));
         float8 least = min(min(u, v), w), most = max(max(u, v), w);
         int8 inside = ~((least < -error) & (most > error));
-        if (!any(inside))
+        if (!some8(inside))
             continue;
         float8 ahead = (plane - fma(b->qx[y], (float8)normal.x, fma(b->qy[y], (float8)normal.y, b->qz[y] * normal.z))) * facing;
         int8 sure = (least > error) | (most < -error);

@@ -9,14 +9,37 @@ static float3 ray_through(const Camera *camera, float2 point)
     return unit_or(d, -load3(camera->rotation[2]));
 }
 
-static float3 camera_ray(const Camera *camera, uint x, uint y)
+// The same through sixteen points at once, by the same operations.
+static void rays_through(const Camera *camera, float16 x, float16 y, float16 *dx, float16 *dy, float16 *dz)
+{
+    float16 ex = fma(x, (float16)camera->step[0], (float16)camera->corner[0]);
+    float16 ey = fma(y, (float16)camera->step[1], (float16)camera->corner[1]);
+    float3 right = load3(camera->rotation[0]), up = load3(camera->rotation[1]), back = load3(camera->rotation[2]);
+    float16 vx = right.x * ex + up.x * ey - back.x;
+    float16 vy = right.y * ex + up.y * ey - back.y;
+    float16 vz = right.z * ex + up.z * ey - back.z;
+    float16 largest = max(fabs(vx), max(fabs(vy), fabs(vz)));
+    vx /= largest;
+    vy /= largest;
+    vz /= largest;
+    float16 scale = rsqrt(fma(vx, vx, fma(vy, vy, vz * vz)));
+    int16 usable = (largest > 0.0f) & (largest <= FLT_MAX);
+    *dx = select((float16)-back.x, vx * scale, usable);
+    *dy = select((float16)-back.y, vy * scale, usable);
+    *dz = select((float16)-back.z, vz * scale, usable);
+}
+
+// Where in the picture a pixel's ray goes through.
+static float2 point_of_pixel(const Camera *camera, uint x, uint y)
 {
     float2 at = 0.5f;
     if (camera->jitter) {
         uint bits = hash(x ^ hash(y ^ hash(camera->seed)));
         at = (float2)(fraction(bits), fraction(hash(bits)));
     }
-    return ray_through(camera, (float2)((float)x + at.x, (float)y + at.y));
+    return (float2)((float)x + at.x, (float)y + at.y);
 }
+
+static float3 camera_ray(const Camera *camera, uint x, uint y) { return ray_through(camera, point_of_pixel(camera, x, y)); }
 
 static float view_depth(const Camera *camera, float3 d, float t) { return -dot3(d, load3(camera->rotation[2])) * t; }

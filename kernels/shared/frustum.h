@@ -2,10 +2,11 @@
 //
 // Boxes are tested against the block as a whole: against the four planes through the eye that bound
 // its pixels, and against the farthest hit that its rays have yet. Triangles that cross the block
-// are then met by eight rays at a time. The hits are those that a stream finds: volumes and distances
+// are then met by sixteen rays at a time. The hits are those that a stream finds: volumes and distances
 // are computed by the same operations, and whatever rounding leaves open is handed to `meet_leaf`.
 
 #define BLOCK 8u
+#define ROW_PAIRS 4u
 
 // By how much the planes stand off the pixels: in pixels, and relative to the direction's length.
 // Both are many times the rounding of directions, normals and box tests.
@@ -19,10 +20,10 @@ typedef struct {
 } Plane;
 
 typedef struct {
-    // Rows of eight rays.
-    float8 dx[BLOCK], dy[BLOCK], dz[BLOCK];
-    float8 t_max[BLOCK];
-    uint8 triangle[BLOCK];
+    // Two rows of eight rays each.
+    float16 dx[ROW_PAIRS], dy[ROW_PAIRS], dz[ROW_PAIRS];
+    float16 t_max[ROW_PAIRS];
+    uint16 triangle[ROW_PAIRS];
     // Unit directions along the edges of the frustum; it is their convex cone.
     float3 edges[4];
     // Normals point inwards.
@@ -71,7 +72,7 @@ static float3 block_ray(const Block *b, uint i)
 // The frustum of the pixels from (left, top) on, whose rays have hit nothing yet.
 static void bound_block(Block *b, const Camera *camera, uint left, uint top)
 {
-    for (uint y = 0; y < BLOCK; ++y) {
+    for (uint y = 0; y < ROW_PAIRS; ++y) {
         b->t_max[y] = INFINITY;
         b->triangle[y] = NONE;
     }
@@ -95,15 +96,21 @@ static void bound_block(Block *b, const Camera *camera, uint left, uint top)
 static void set_block(Block *b, const Camera *camera, uint left, uint top)
 {
     bound_block(b, camera, left, top);
-    for (uint i = 0; i < BLOCK * BLOCK; ++i)
-        set_block_ray(b, i, camera_ray(camera, left + i % BLOCK, top + i / BLOCK));
+    float16 x[ROW_PAIRS], y[ROW_PAIRS];
+    for (uint i = 0; i < BLOCK * BLOCK; ++i) {
+        float2 point = point_of_pixel(camera, left + i % BLOCK, top + i / BLOCK);
+        ((float *)x)[i] = point.x;
+        ((float *)y)[i] = point.y;
+    }
+    for (uint i = 0; i < ROW_PAIRS; ++i)
+        rays_through(camera, x[i], y[i], &b->dx[i], &b->dy[i], &b->dz[i]);
 }
 
 // The farthest that any ray still has to look.
 static float farthest(const Block *b)
 {
-    float8 t = max(max(max(b->t_max[0], b->t_max[1]), max(b->t_max[2], b->t_max[3])),
-                   max(max(b->t_max[4], b->t_max[5]), max(b->t_max[6], b->t_max[7])));
+    float16 all = max(max(b->t_max[0], b->t_max[1]), max(b->t_max[2], b->t_max[3]));
+    float8 t = max(all.lo, all.hi);
     float4 four = max(t.lo, t.hi);
     float2 two = max(four.lo, four.hi);
     return max(two.x, two.y);
@@ -142,28 +149,30 @@ static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place,
     float error = row[144 + lane];
     float nx = row[152 + lane], ny = row[160 + lane], nz = row[168 + lane], plane = row[176 + lane];
     uint packed = scene->triangles[place].packed;
-    int8 both_sides = packed & TRIANGLE_DOUBLE_SIDED ? -1 : 0;
-    int8 doubtful = packed & TRIANGLE_ALPHA ? -1 : 0;
+    int16 both_sides = packed & TRIANGLE_DOUBLE_SIDED ? -1 : 0;
+    int16 doubtful = packed & TRIANGLE_ALPHA ? -1 : 0;
     ulong open_rays = 0ul;
-    for (uint y = 0; y < BLOCK; ++y) {
-        float8 dx = b->dx[y], dy = b->dy[y], dz = b->dz[y];
-        float8 u = fma(dx, (float8)ux, fma(dy, (float8)uy, dz * uz));
-        float8 v = fma(dx, (float8)vx, fma(dy, (float8)vy, dz * vz));
-        float8 w = fma(dx, (float8)wx, fma(dy, (float8)wy, dz * wz));
-        float8 least = min(min(u, v), w), most = max(max(u, v), w);
-        int8 inside = ~((least < -error) & (most > error));
-        if (!any(inside))
+    for (uint y = 0; y < ROW_PAIRS; ++y) {
+        float16 dx = b->dx[y], dy = b->dy[y], dz = b->dz[y];
+        float16 u = fma(dx, (float16)ux, fma(dy, (float16)uy, dz * uz));
+        float16 v = fma(dx, (float16)vx, fma(dy, (float16)vy, dz * vz));
+        float16 w = fma(dx, (float16)wx, fma(dy, (float16)wy, dz * wz));
+        float16 least = min(min(u, v), w), most = max(max(u, v), w);
+        int16 inside = ~((least < -error) & (most > error));
+        if (!some16(inside))
             continue;
-        float8 t = plane / fma(dx, (float8)nx, fma(dy, (float8)ny, dz * nz));
-        int8 sure = (least > error) | (most < -error);
-        int8 in_range = (t > 0.0f) & (t < b->t_max[y]);
-        int8 open = inside & ((sure & in_range & doubtful) | ~sure);
+        float16 t = plane / fma(dx, (float16)nx, fma(dy, (float16)ny, dz * nz));
+        int16 sure = (least > error) | (most < -error);
+        int16 in_range = (t > 0.0f) & (t < b->t_max[y]);
+        int16 open = inside & ((sure & in_range & doubtful) | ~sure);
         // The volumes of a front face are positive, and so is their sum.
-        int8 hit = inside & sure & in_range & ~doubtful & ((u + v + w >= 0.0f) | both_sides);
+        int16 hit = inside & sure & in_range & ~doubtful & ((u + v + w >= 0.0f) | both_sides);
         b->t_max[y] = select(b->t_max[y], t, hit);
-        b->triangle[y] = select(b->triangle[y], (uint8)place, hit);
-        ulong bits = as_ulong(convert_char8(open)) & 0x8040201008040201ul;
-        open_rays |= (bits * 0x0101010101010101ul >> 56) << (BLOCK * y);
+        b->triangle[y] = select(b->triangle[y], (uint16)place, hit);
+        if (some16(open)) {
+            ulong2 bits = (as_ulong2(convert_char16(open)) & 0x8040201008040201ul) * 0x0101010101010101ul >> 56;
+            open_rays |= (bits.x | bits.y << 8) << (2u * BLOCK * y);
+        }
     }
     return open_rays;
 }

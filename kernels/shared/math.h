@@ -12,6 +12,15 @@ static float3 gload3(__global const float *v) { return (float3)(v[0], v[1], v[2]
 
 static float dot3(float3 a, float3 b) { return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z)); }
 
+// Whether a comparison holds in any lane. The built-in `any` looks at one lane after the other in PoCL.
+static bool some8(int8 lanes) { return as_ulong(convert_char8(lanes)) != 0ul; }
+
+static bool some16(int16 lanes)
+{
+    ulong2 bytes = as_ulong2(convert_char16(lanes));
+    return (bytes.x | bytes.y) != 0ul;
+}
+
 static float max3(float3 v) { return max(v.x, max(v.y, v.z)); }
 
 // Luminance of linear Rec. 709.

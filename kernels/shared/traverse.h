@@ -18,28 +18,40 @@
 
 typedef struct {
     float dx[32], dy[32], dz[32];
+    // Inverse directions, and which planes of a box a ray meets first: see `prepare_stream`.
     float ix[32], iy[32], iz[32];
-    float t_max[32];
     uint near_x[32], near_y[32], near_z[32];
+    float t_max[32];
     uint triangle[32];
 } Stream;
 
 // A direction component of zero gets the largest finite inverse: 0 times it is 0, never NaN.
 static float safe_inverse(float d) { return clamp(1.0f / d, -FLT_MAX, FLT_MAX); }
+static float16 safe_inverses(float16 d) { return clamp(1.0f / d, -FLT_MAX, FLT_MAX); }
 
 static void set_ray(Stream *s, uint i, float3 d, float t_max)
 {
     s->dx[i] = d.x;
     s->dy[i] = d.y;
     s->dz[i] = d.z;
-    s->ix[i] = safe_inverse(d.x);
-    s->iy[i] = safe_inverse(d.y);
-    s->iz[i] = safe_inverse(d.z);
-    s->near_x[i] = s->ix[i] < 0.0f ? 1u : 0u;
-    s->near_y[i] = s->iy[i] < 0.0f ? 3u : 2u;
-    s->near_z[i] = s->iz[i] < 0.0f ? 5u : 4u;
     s->t_max[i] = t_max;
     s->triangle[i] = NONE;
+}
+
+// Fills in what boxes are met with, for all rays at once.
+static void prepare_stream(Stream *s)
+{
+    for (uint i = 0; i < 32u; i += 16u) {
+        float16 x = safe_inverses(vload16(0, s->dx + i));
+        float16 y = safe_inverses(vload16(0, s->dy + i));
+        float16 z = safe_inverses(vload16(0, s->dz + i));
+        vstore16(x, 0, s->ix + i);
+        vstore16(y, 0, s->iy + i);
+        vstore16(z, 0, s->iz + i);
+        vstore16(as_uint16(x) >> 31, 0, s->near_x + i);
+        vstore16(2u + (as_uint16(y) >> 31), 0, s->near_y + i);
+        vstore16(4u + (as_uint16(z) >> 31), 0, s->near_z + i);
+    }
 }
 
 // The lowest lane of eight bytes that are not zero.
@@ -235,7 +247,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
     float8 least = min(min(u.vector, v.vector), w.vector), most = max(max(u.vector, v.vector), w.vector);
     int8 outside = (least < -l->error) & (most > l->error);
     int8 open = ~outside & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
-    if (!any(open))
+    if (!some8(open))
         return false;
     t.vector = l->plane / fma((float8)d.x, l->nx, fma((float8)d.y, l->ny, d.z * l->nz));
     int8 sure = (least > l->error) | (most < -l->error);
@@ -243,7 +255,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
     int8 in_range = (t.vector > 0.0f) & (t.vector < *t_max);
     int8 left = open & (~sure | in_range);
 #if !HAS_ALPHA
-    if (kind == ANY && any(left & sure))
+    if (kind == ANY && some8(left & sure))
         return true;
 #endif
     ulong lanes = as_ulong(convert_char8(left));
@@ -329,6 +341,7 @@ __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 or
     uint2 stack[STACK_SIZE];
     uint depth = 1, hits = 0;
     stack[0] = (uint2)(0u, mask);
+    prepare_stream(s);
     while (depth) {
         uint2 top = stack[--depth];
         uint active = kind == ANY ? top.y & ~hits : top.y;
