@@ -1,4 +1,4 @@
-//! Rays beside other tracers: `cargo bench --bench speed [-- --scenes sponza,demo,town --repetitions 5]`.
+//! Rays beside other tracers: `cargo bench --bench speed [-- --scenes sponza,organic,town --repetitions 5]`.
 //!
 //! For each scene the same rays, the same triangles and the same cores, in turns: this program's kernels, Embree
 //! (a program of its own in `benches/peers`, compiled here) and the obvhs crate's traversal. Embree is asked one
@@ -56,7 +56,7 @@ fn main() {
 
 fn arguments() -> Arguments {
     let mut arguments = Arguments {
-        scenes: ["sponza", "demo", "town"].map(str::to_string).to_vec(),
+        scenes: ["sponza", "organic", "town"].map(str::to_string).to_vec(),
         repetitions: 5,
         out: PathBuf::from("out/bench"),
     };
@@ -80,6 +80,10 @@ fn load(scene: &str) -> Loaded {
     let town = |triangles| generate::voxel_town::generate(triangles, 1).expect("a town");
     match scene {
         "demo" => Loaded::from_glb("demo", &generate::demo::generate(), &config),
+        "organic" => {
+            let bytes = generate::organic::generate(generate::organic::USUAL_TRIANGLES, 1).expect("a glade");
+            Loaded::from_glb("organic", &bytes, &config)
+        }
         "town" => Loaded::from_glb("town", &town(6_700_000), &config),
         "small-town" => Loaded::from_glb("small town", &town(500_000), &config),
         "sponza" => Loaded::from_file(&data.join("scenes/sponza/Sponza.gltf"), &config),

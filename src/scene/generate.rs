@@ -5,6 +5,8 @@ pub mod demo;
 pub mod glb;
 #[cfg(test)]
 mod glb_reader;
+pub mod material;
+pub mod organic;
 pub mod paint;
 pub mod shapes;
 pub mod voxel_town;

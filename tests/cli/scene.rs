@@ -34,6 +34,21 @@ fn a_generated_town_has_the_size_that_was_asked_for_and_renders() {
 }
 
 #[test]
+fn a_generated_glade_has_the_size_that_was_asked_for_and_the_demo_takes_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let generate = "scene generate organic --triangles 150000 --out a.glb";
+    foveate(folder.path(), generate).succeeds();
+    let info = foveate(folder.path(), "scene info a.glb --json").succeeds().json();
+    assert!((148_500..=151_500).contains(&info["triangles"].as_u64().unwrap()), "{info}");
+    assert_eq!(info["warnings"], json!([]), "{info}");
+    let run = foveate(folder.path(), "scene generate organic --triangles 1000 --out b.glb");
+    assert!(run.sentence().contains("--triangles: 1000 is not within"), "{run:?}");
+    let run = foveate(folder.path(), "scene generate demo --triangles 20000 --out b.glb");
+    assert!(run.sentence().contains("fixed number"), "{run:?}");
+    assert_eq!(names(folder.path()), ["a.glb"]);
+}
+
+#[test]
 fn features_that_a_scene_does_not_use_cost_nothing() {
     let folder = folder();
     let info = foveate(folder.path(), "scene info scene.glb --json").succeeds().json();

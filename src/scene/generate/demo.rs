@@ -7,7 +7,7 @@
 
 mod courtyard;
 mod garden;
-mod materials;
+pub(super) mod materials;
 mod table;
 
 use std::f32::consts::FRAC_1_SQRT_2;

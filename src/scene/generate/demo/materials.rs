@@ -1,9 +1,10 @@
 //! The demo scene's materials, their pictures painted by formula.
 
-use glam::{Vec2, Vec3};
-use serde_json::{Value, json};
+use glam::Vec2;
+use serde_json::json;
 
 use crate::scene::generate::glb::Glb;
+use crate::scene::generate::material::{plain, repeated, rgb, textured};
 use crate::scene::generate::paint::{
     bond, cell, clouds, mix, noise, normal_map, opaque, picture, smoothstep,
 };
@@ -35,10 +36,6 @@ pub(super) struct Materials {
     pub(super) water: usize,
     pub(super) lamp: usize,
     pub(super) bulb: usize,
-}
-
-fn rgb(hex: u32) -> Vec3 {
-    Vec3::new((hex >> 16 & 255) as f32, (hex >> 8 & 255) as f32, (hex & 255) as f32) / 255.0
 }
 
 impl Materials {
@@ -75,17 +72,6 @@ impl Materials {
     }
 }
 
-fn plain(glb: &mut Glb, name: &str, colour: u32, metallic: f32, roughness: f32) -> usize {
-    let linear = rgb(colour).powf(2.2);
-    glb.material(json!({
-        "name": name,
-        "pbrMetallicRoughness": {
-            "baseColorFactor": [linear.x, linear.y, linear.z, 1.0],
-            "metallicFactor": metallic, "roughnessFactor": roughness,
-        },
-    }))
-}
-
 fn light(glb: &mut Glb, name: &str, colour: [f32; 3], strength: f32) -> usize {
     glb.material(json!({
         "name": name,
@@ -93,35 +79,6 @@ fn light(glb: &mut Glb, name: &str, colour: [f32; 3], strength: f32) -> usize {
         "emissiveFactor": colour,
         "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": strength } },
     }))
-}
-
-/// A use of a texture that covers `metres` along each axis.
-fn repeated(texture: usize, metres: f32) -> Value {
-    let scale = 1.0 / metres;
-    json!({ "index": texture, "extensions": { "KHR_texture_transform": { "scale": [scale, scale] } } })
-}
-
-/// A dielectric with a base colour picture and, where there is one, a normal map; both cover `metres`.
-fn textured(
-    glb: &mut Glb,
-    name: &str,
-    colour: &[u8],
-    normals: Option<&[u8]>,
-    metres: f32,
-    roughness: f32,
-) -> usize {
-    let colour = glb.texture(name, colour, false);
-    let mut material = json!({
-        "name": name,
-        "pbrMetallicRoughness": {
-            "baseColorTexture": repeated(colour, metres), "metallicFactor": 0.0, "roughnessFactor": roughness,
-        },
-    });
-    if let Some(normals) = normals {
-        let normals = glb.texture(&format!("{name} normals"), normals, false);
-        material["normalTexture"] = repeated(normals, metres);
-    }
-    glb.material(material)
 }
 
 /// Polished terrazzo slabs in two tones; joints and some chips are rougher.
@@ -253,7 +210,7 @@ fn wood(glb: &mut Glb) -> usize {
     textured(glb, "oak", &colour, Some(&normals), 0.6, 0.42)
 }
 
-fn bark(glb: &mut Glb) -> usize {
+pub(in crate::scene::generate) fn bark(glb: &mut Glb) -> usize {
     let ridge =
         |uv: Vec2| 1.0 - (2.0 * noise(uv, [12, 4], 71) - 1.0).abs() * 0.7 - 0.3 * clouds(uv, 16, 3, 72);
     let colour = picture(256, |uv| opaque(mix(rgb(0x3a2b20), rgb(0x85694f), ridge(uv))));
