@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-remote test-hid bench bench-fleet trade gpu-check-bundle lint install-udev
+.PHONY: help demo test test-long test-remote test-hid bench bench-fleet trade gpu-check-bundle lint install-udev
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -26,6 +26,11 @@ test: ## Install what the tests need and run all of them; ARGS="--test foveation
 	@$(need_cargo)
 	scripts/install-packages.sh test
 	scripts/run-tests.sh $(ARGS)
+
+test-long: ## Run the checks that take too long for make test: 10^8 rays that must hit or miss
+	@$(need_cargo)
+	scripts/install-packages.sh test
+	scripts/run-long-tests.sh $(ARGS)
 
 test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
 	@$(need_cargo)

@@ -58,10 +58,11 @@ static Facet facet_of(const Scene *scene, uint place, float3 origin, float3 low)
         f.normals[i] = unpack_normal(scene->normals[triangle->vertices[i]]);
     float3 e1 = v[1] - v[0], e2 = v[2] - v[0], across = cross(e1, e2);
     f.geometric = unit_or(across, unit_or(-a, (float3)(0.0f, 0.0f, 1.0f)));
-    // Rounding of the position and of the tracing of rays that leave it, both relative to the largest
-    // coordinate and to the triangle's size.
+    // Rounding of the position and of the tracing of rays that leave it, both relative to coordinates and to
+    // the triangle's size. Of each axis' part only what lies along the normal counts (as in pbrt, section 6.8.6):
+    // rays leave a wide floor no higher than its height demands.
     float3 reach = max(max(fabs(v[0]), fabs(v[1])), fabs(v[2])) + max(fabs(e1), fabs(e2));
-    f.offset = 1.5e-6f * max3(reach);
+    f.offset = 1.5e-6f * dot3(fabs(f.geometric), reach);
 #if HAS_TEXTURES
     float twice_area = length(across);
     f.density[0] = uv_density(scene->uv0, f.index, twice_area);

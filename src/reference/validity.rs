@@ -42,6 +42,14 @@ impl Tracer<'_> {
         self.tube(ray, tolerance).any(|near| self.closest(&near, t_max).is_none())
     }
 
+    /// Distance in metres from a point, relative to the anchor, to the nearest point of a triangle.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn distance(&self, triangle: u32, point: DVec3) -> f64 {
+        distance_to_triangle(point, &self.corners[triangle as usize])
+    }
+
     fn tube(&self, ray: &Ray, radius: f64) -> impl Iterator<Item = Ray> {
         let (x, y) = ray.direction.normalize().any_orthonormal_pair();
         let ring = (0..AROUND).map(move |i| {

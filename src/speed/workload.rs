@@ -81,14 +81,14 @@ pub fn camera_direction(view: &View, x: u32, y: u32) -> Vec3 {
 }
 
 /// Where rays start that leave a triangle towards its viewer, and its normal there. The offset is that of
-/// the kernels: the rounding of the largest coordinate, and of the triangle's size.
+/// the kernels: along the normal, the rounding of coordinates and of the triangle's size.
 fn leave([a, b, c]: [Vec3; 3], at: Vec3, viewed: Vec3) -> (Vec3, Vec3) {
     let (e1, e2) = ((b - a).as_dvec3(), (c - a).as_dvec3());
     let normal = e1.cross(e2).try_normalize().map_or(-viewed, |n| n.as_vec3());
     let normal = if normal.dot(viewed) > 0.0 { -normal } else { normal };
     let size = (b - a).abs().max((c - a).abs());
-    let reach = (a.abs().max(b.abs()).max(c.abs()) + size).max_element();
-    (at + normal * (1.5e-6 * reach), normal)
+    let reach = a.abs().max(b.abs()).max(c.abs()) + size;
+    (at + normal * (1.5e-6 * reach.dot(normal.abs())), normal)
 }
 
 /// Point `index` of a Sobol sequence in two dimensions, scrambled by a digital shift for each `sample`:
@@ -132,6 +132,8 @@ mod tests {
         let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
         let (origin, normal) = leave(corners, Vec3::new(0.2, 0.2, 0.0), Vec3::Z);
         assert_eq!(normal, Vec3::NEG_Z);
-        assert!(origin.z < 0.0 && origin.z > -1e-5);
+        assert_eq!(origin, Vec3::new(0.2, 0.2, 0.0));
+        let (origin, _) = leave(corners.map(|p| p + Vec3::Z), Vec3::new(0.2, 0.2, 1.0), Vec3::Z);
+        assert!(origin.z < 1.0 && origin.z > 1.0 - 1e-5);
     }
 }

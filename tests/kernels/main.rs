@@ -4,8 +4,10 @@ mod bench;
 mod cases;
 #[path = "../common/mod.rs"]
 mod common;
+mod convex;
 mod edges;
 mod hits;
 mod radiance;
 mod records;
 mod scenes;
+mod watertight;
