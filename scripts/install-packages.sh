@@ -15,7 +15,7 @@ hid=(qemu-system-x86 binutils xz-utils)
 { . /etc/os-release; } 2>/dev/null || true
 [[ "${ID:-}" == ubuntu ]] || test+=(chromium)
 bench=("${demo[@]}" libembree-dev g++)
-remote=("${demo[@]}" cmake git g++ make pkg-config ocl-icd-dev ocl-icd-opencl-dev clinfo)
+remote=("${demo[@]}" cmake git g++ make patch pkg-config ocl-icd-dev ocl-icd-opencl-dev clinfo)
 # An OpenXR runtime with a simulated headset: its service, and what it loads into programs.
 monado=(monado-service libopenxr1-monado)
 # Where it goes on Debian 12, which has none.

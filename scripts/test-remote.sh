@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# A client and two servers on this machine: both servers' devices share frames, one server is killed in
-# mid-run, the frames go on, and all pictures are those that this machine makes alone.
+# A client and two servers on this machine, whose devices share frames. In one run a server is held up for a
+# while, and takes part again afterwards; in another it is killed. Frames go on, and all pictures are those
+# that this machine makes alone.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 remote=${POCL_REMOTE:-target/pocl-remote}
@@ -21,6 +22,7 @@ fail() { echo "test-remote: $*" >&2; cat "$work"/*.log >&2; exit 1; }
 serve() {
   POCLD_LOGLEVEL=err "$remote/pocld" -a 127.0.0.1 -p "$1" >"$work/server-$1.log" 2>&1 &
   servers+=($!)
+  disown
 }
 serve 12010
 serve 12020
@@ -33,32 +35,59 @@ render() {
 "$foveate" scene generate voxel-town --triangles 20000 --out "$work/scene.glb" >/dev/null
 render 0 alone >"$work/alone.json" 2>"$work/alone.log"
 
-(
-  export OCL_ICD_VENDORS=$remote/vendors POCL_DEVICES="remote remote"
-  export POCL_REMOTE0_PARAMETERS=127.0.0.1:12010/0 POCL_REMOTE1_PARAMETERS=127.0.0.1:12020/0
-  exec timeout 900 "$foveate" mock "$work/scene.glb" --width 192 --height 120 --samples 2000 \
-    --frames "$frames" --devices 0,1 --out "$work/remote" --json >"$work/remote.json" 2>"$work/remote.log"
-) &
-client=$!
-log=$work/remote/frames.jsonl
+log=$work/frames.jsonl
 lines() { { wc -l <"$log"; } 2>/dev/null || echo 0; }
-until [[ $(lines) -ge 6 ]]; do
-  kill -0 "$client" 2>/dev/null || fail "the client ended before the server was killed"
-  sleep 0.05
-done
+
+# Renders on both servers in the background, and waits until they have shared six frames.
+start() {
+  rm -rf "$work/remote"
+  log=$work/remote/frames.jsonl
+  (
+    export OCL_ICD_VENDORS=$remote/vendors POCL_DEVICES="remote remote"
+    export POCL_REMOTE0_PARAMETERS=127.0.0.1:12010/0 POCL_REMOTE1_PARAMETERS=127.0.0.1:12020/0
+    exec timeout 900 "$foveate" mock "$work/scene.glb" --width 192 --height 120 --samples 2000 \
+      --frames "$frames" --devices 0,1 --out "$work/remote" --json >"$work/remote.json" 2>"$work/remote.log"
+  ) &
+  client=$!
+  wait_for_frames 6
+  head -n 6 "$log" | grep -q "$idle" && fail "a device had nothing to do although both servers answered"
+  return 0
+}
+
+wait_for_frames() {
+  until [[ $(lines) -ge $1 ]]; do
+    kill -0 "$client" 2>/dev/null || fail "the client ended after $(lines) frames instead of $frames"
+    sleep 0.05
+  done
+}
+
+# Waits for the client, and compares all its pictures.
+finish() {
+  wait "$client" || fail "the client failed"
+  [[ $(lines) -eq $frames ]] || fail "$(lines) frames instead of $frames"
+  local picture
+  compared=0
+  for picture in "$work"/alone/*.png; do
+    cmp -s "$picture" "$work/remote/$(basename "$picture")" || fail "$(basename "$picture") is not what one machine makes alone"
+    compared=$((compared + 1))
+  done
+  [[ $compared -gt 2 ]] || fail "there were no pictures to compare"
+}
+
+idle='"samples":0,"trace_ms":0'
+start
+kill -STOP "${servers[1]}"
+wait_for_frames $((frames - 12))
+kill -CONT "${servers[1]}"
+finish
+sed -n "7,$((frames - 12))p" "$log" | grep -q "$idle" || fail "both devices had work while one server was held up"
+tail -n 3 "$log" | grep -vq "$idle" || fail "a server that answered again got no work"
+echo "test-remote: $frames frames, a server held up after frame 6 and back again, $compared pictures as one machine makes them alone."
+
+start
 kill -9 "${servers[1]}"
 at=$(lines)
-wait "$client" || fail "the client failed after a server was killed"
-
-[[ $(lines) -eq $frames ]] || fail "$(lines) frames instead of $frames"
 [[ $at -lt $frames ]] || fail "the server was killed too late"
-idle='"samples":0,"trace_ms":0'
-head -n 6 "$log" | grep -q "$idle" && fail "a device had nothing to do before the server was killed"
+finish
 tail -n 1 "$log" | grep -q "$idle" || fail "both devices had work after one server was killed"
-compared=0
-for picture in "$work"/alone/*.png; do
-  cmp -s "$picture" "$work/remote/$(basename "$picture")" || fail "$(basename "$picture") is not what one machine makes alone"
-  compared=$((compared + 1))
-done
-[[ $compared -gt 2 ]] || fail "there were no pictures to compare"
 echo "test-remote: $frames frames, a server killed after frame $at, $compared pictures as one machine makes them alone."
