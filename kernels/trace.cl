@@ -62,27 +62,23 @@ __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint
     if (begin >= count)
         return;
     uint n = min(count - begin, 32u);
-    Stream s;
+    Block block;
     float16 x[2], y[2];
+    float2 upper_left = INFINITY, lower_right = -INFINITY;
     for (uint i = 0; i < 32u; ++i) {
         uint at = samples[first + begin + min(i, n - 1u)];
         float2 point = point_of_pixel(&camera, at & 0xffffu, at >> 16);
         ((float *)x)[i] = point.x;
         ((float *)y)[i] = point.y;
-        s.t_max[i] = INFINITY;
-        s.triangle[i] = NONE;
+        upper_left = min(upper_left, point);
+        lower_right = max(lower_right, point);
     }
-    for (uint i = 0; i < 2u; ++i) {
-        float16 dx, dy, dz;
-        rays_through(&camera, x[i], y[i], &dx, &dy, &dz);
-        vstore16(dx, i, s.dx);
-        vstore16(dy, i, s.dy);
-        vstore16(dz, i, s.dz);
-    }
-    trace_stream(&scene, load3(camera.origin), load3(camera.origin_low), &s, n == 32u ? 0xffffffffu : (1u << n) - 1u,
-                 CLOSEST_FRONT, camera.seed);
+    bound_rays(&block, &camera, upper_left, lower_right, 2u);
+    for (uint i = 0; i < 2u; ++i)
+        rays_through(&camera, x[i], y[i], &block.dx[i], &block.dy[i], &block.dz[i]);
+    trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, camera.seed);
     for (uint i = 0; i < n; ++i) {
-        HitRecord hit = {s.triangle[i], s.t_max[i]};
+        HitRecord hit = {((uint *)block.triangle)[i], ((float *)block.t_max)[i]};
         hits[first + begin + i] = hit;
     }
 }

@@ -102,6 +102,7 @@ static bool meet_leaf_alone(const Scene *scene, const Beam *b, uint first, uint 
     float3 q = (float3)(((float *)b->qx)[ray], ((float *)b->qy)[ray], ((float *)b->qz)[ray]);
     Leaf leaf;
     load_leaf(scene->leaves + 9u * first, n, b->base, q, &leaf);
+    load_planes(&leaf);
     float t_max = INFINITY;
     uint triangle;
     return meet_leaf(scene, &leaf, first, n, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed));

@@ -1,9 +1,9 @@
-// Walking the eight-wide tree with a block of camera rays: 8 by 8 pixels, all from the eye.
+// Walking the eight-wide tree with a block of camera rays, all from the eye: 8 by 8 pixels, or 32 samples.
 //
-// Boxes are tested against the block as a whole: against the four planes through the eye that bound
-// its pixels, and against the farthest hit that its rays have yet. Triangles that cross the block
-// are then met by sixteen rays at a time. The hits are those that a stream finds: volumes and distances
-// are computed by the same operations, and whatever rounding leaves open is handed to `meet_leaf`.
+// Boxes are tested eight at a time against the block as a whole, by the four planes through the eye that
+// bound its rays; what is left meets the rays themselves, sixteen at a time, and so do triangles that
+// cross the block. The hits are those that a stream finds: volumes and distances are computed by the same
+// operations, and whatever rounding leaves open is handed to `meet_leaf`.
 
 #define BLOCK 8u
 #define ROW_PAIRS 4u
@@ -20,16 +20,16 @@ typedef struct {
 } Plane;
 
 typedef struct {
-    // Two rows of eight rays each.
+    // Rays in rows of eight, two rows together.
     float16 dx[ROW_PAIRS], dy[ROW_PAIRS], dz[ROW_PAIRS];
     float16 t_max[ROW_PAIRS];
     uint16 triangle[ROW_PAIRS];
+    // How many pairs of rows hold rays.
+    uint pairs;
     // Unit directions along the edges of the frustum; it is their convex cone.
     float3 edges[4];
     // Normals point inwards.
     Plane sides[4];
-    // Across the block's central direction.
-    Plane front;
 } Block;
 
 static Plane plane_along(float3 normal)
@@ -49,12 +49,11 @@ static void box_planes(__global const WideNode *node, float3 origin, float3 low,
     planes[5] = relative(node->upper[2], origin.z, low.z);
 }
 
-// For each box its largest (flip 0) or smallest (flip 1) distance along a plane's normal.
-static float8 along(const Plane *plane, const float8 planes[6], uint flip)
+// For each box its largest distance along a plane's normal.
+static float8 along(const Plane *plane, const float8 planes[6])
 {
-    return fma((float8)plane->normal.x, planes[plane->inmost[0] ^ flip],
-               fma((float8)plane->normal.y, planes[plane->inmost[1] ^ flip],
-                   plane->normal.z * planes[plane->inmost[2] ^ flip]));
+    return fma((float8)plane->normal.x, planes[plane->inmost[0]],
+               fma((float8)plane->normal.y, planes[plane->inmost[1]], plane->normal.z * planes[plane->inmost[2]]));
 }
 
 static void set_block_ray(Block *b, uint i, float3 d)
@@ -69,15 +68,16 @@ static float3 block_ray(const Block *b, uint i)
     return (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
 }
 
-// The frustum of the pixels from (left, top) on, whose rays have hit nothing yet.
-static void bound_block(Block *b, const Camera *camera, uint left, uint top)
+// The frustum of all rays between two points of the picture, which have hit nothing yet.
+static void bound_rays(Block *b, const Camera *camera, float2 upper_left, float2 lower_right, uint pairs)
 {
     for (uint y = 0; y < ROW_PAIRS; ++y) {
-        b->t_max[y] = INFINITY;
+        b->t_max[y] = y < pairs ? INFINITY : 0.0f;
         b->triangle[y] = NONE;
     }
+    b->pairs = pairs;
     float2 step = (float2)(camera->step[0], camera->step[1]), corner = (float2)(camera->corner[0], camera->corner[1]);
-    float2 from = fma((float2)(left, top), step, corner), to = fma((float2)(left + BLOCK, top + BLOCK), step, corner);
+    float2 from = fma(upper_left, step, corner), to = fma(lower_right, step, corner);
     float2 margin = fabs(step) * MARGIN_IN_PIXELS + (max(fabs(from), fabs(to)) + 1.0f) * RELATIVE_MARGIN;
     float2 least = min(from, to) - margin, most = max(from, to) + margin;
     float3 right = load3(camera->rotation[0]), up = load3(camera->rotation[1]), back = load3(camera->rotation[2]);
@@ -89,7 +89,12 @@ static void bound_block(Block *b, const Camera *camera, uint left, uint top)
     b->sides[1] = plane_along(-right - back * most.x);
     b->sides[2] = plane_along(up + back * least.y);
     b->sides[3] = plane_along(-up - back * most.y);
-    b->front = plane_along(normalize(right * (from.x + to.x) * 0.5f + up * (from.y + to.y) * 0.5f - back));
+}
+
+// The frustum of the 64 pixels from (left, top) on.
+static void bound_block(Block *b, const Camera *camera, uint left, uint top)
+{
+    bound_rays(b, camera, (float2)(left, top), (float2)(left + BLOCK, top + BLOCK), ROW_PAIRS);
 }
 
 // One ray for each pixel from (left, top) on; some may lie outside the picture.
@@ -114,6 +119,50 @@ static float farthest(const Block *b)
     float4 four = max(t.lo, t.hi);
     float2 two = max(four.lo, four.hi);
     return max(two.x, two.y);
+}
+
+typedef struct {
+    float16 x[ROW_PAIRS], y[ROW_PAIRS], z[ROW_PAIRS];
+} Inverses;
+
+static void invert_directions(const Block *b, Inverses *inverse)
+{
+    for (uint y = 0; y < b->pairs; ++y) {
+        inverse->x[y] = safe_inverses(b->dx[y]);
+        inverse->y[y] = safe_inverses(b->dy[y]);
+        inverse->z[y] = safe_inverses(b->dz[y]);
+    }
+}
+
+// Narrows the rays' way to what lies between two planes across an axis.
+static void cross_slab(float lower, float upper, float16 inverse, float16 *enter, float16 *leave)
+{
+    float16 a = lower * inverse, b = upper * inverse;
+    *enter = max(*enter, min(a, b));
+    *leave = min(*leave, max(a, b));
+}
+
+// Where the first ray enters a box that is not empty: infinitely far away if none does.
+static float entry_of_rays(const Block *b, const Inverses *inverse, const float8 planes[6], uint lane)
+{
+    const float *bounds = (const float *)planes + lane;
+    float16 first = INFINITY;
+    int16 some = 0;
+    for (uint y = 0; y < b->pairs; ++y) {
+        float16 enter = 0.0f, leave = b->t_max[y];
+        cross_slab(bounds[0], bounds[8], inverse->x[y], &enter, &leave);
+        cross_slab(bounds[16], bounds[24], inverse->y[y], &enter, &leave);
+        cross_slab(bounds[32], bounds[40], inverse->z[y], &enter, &leave);
+        int16 met = enter <= leave * SLAB_WIDENING;
+        some |= met;
+        first = select(first, min(first, enter), met);
+    }
+    if (!some16(some))
+        return INFINITY;
+    float8 eight = min(first.lo, first.hi);
+    float4 four = min(eight.lo, eight.hi);
+    float2 two = min(four.lo, four.hi);
+    return min(two.x, two.y);
 }
 
 // The lanes of a leaf that rays of the block can hit: not those that one edge has on its negative side
@@ -152,7 +201,7 @@ static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place,
     int16 both_sides = packed & TRIANGLE_DOUBLE_SIDED ? -1 : 0;
     int16 doubtful = packed & TRIANGLE_ALPHA ? -1 : 0;
     ulong open_rays = 0ul;
-    for (uint y = 0; y < ROW_PAIRS; ++y) {
+    for (uint y = 0; y < b->pairs; ++y) {
         float16 dx = b->dx[y], dy = b->dy[y], dz = b->dz[y];
         float16 u = fma(dx, (float16)ux, fma(dy, (float16)uy, dz * uz));
         float16 v = fma(dx, (float16)vx, fma(dy, (float16)vy, dz * vz));
@@ -178,13 +227,15 @@ static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place,
 }
 
 // The camera rays of a block meet a leaf.
-static void meet_leaf_with_block(const Scene *scene, const Leaf *leaf, uint first, uint n, Block *b, uint seed)
+static void meet_leaf_with_block(const Scene *scene, Leaf *leaf, uint first, uint n, Block *b, uint seed)
 {
     int8 lanes = lanes_in_frustum(leaf, b) & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
     ulong left = as_ulong(convert_char8(lanes)), open = 0ul;
+    if (!left)
+        return;
+    load_planes(leaf);
     while (left) {
-        uint lane = lowest_lane(left);
-        left &= ~(0xfful << (8u * lane));
+        uint lane = take_lane(&left);
         open |= meet_lane(scene, leaf, lane, first + lane, b);
     }
     while (open) {
@@ -207,7 +258,9 @@ static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b,
 // Finds the nearest hits of a block's rays.
 __attribute__((noinline)) static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
 {
-    // Nodes and leaves, and where the frustum enters them.
+    Inverses inverse;
+    invert_directions(b, &inverse);
+    // Nodes and leaves, and where the first ray enters them.
     uint links[STACK_SIZE];
     float entries[STACK_SIZE];
     uint depth = 1;
@@ -229,26 +282,26 @@ __attribute__((noinline)) static void trace_block(const Scene *scene, float3 ori
         __global const WideNode *node = scene->nodes + link;
         float8 planes[6];
         box_planes(node, origin, low, planes);
-        float8 within = min(min(along(&b->sides[0], planes, 0u), along(&b->sides[1], planes, 0u)),
-                            min(along(&b->sides[2], planes, 0u), along(&b->sides[3], planes, 0u)));
-        Lanes entry;
-        entry.vector = along(&b->front, planes, 1u);
-        ulong left = as_ulong(convert_char8((within >= 0.0f) & (entry.vector <= far * SLAB_WIDENING)));
+        float8 within = min(min(along(&b->sides[0], planes), along(&b->sides[1], planes)),
+                            min(along(&b->sides[2], planes), along(&b->sides[3], planes)));
+        ulong left = as_ulong(convert_char8(within >= 0.0f));
         uint base = depth;
         while (left) {
-            uint child = lowest_lane(left);
-            left &= ~(0xfful << (8u * child));
+            uint child = take_lane(&left);
             if (node->children[child] == EMPTY)
+                continue;
+            float at = entry_of_rays(b, &inverse, planes, child);
+            if (isinf(at))
                 continue;
             // The nearest child goes to the top of the stack.
             uint place = depth++;
-            float at = entry.lane[child];
             for (; place > base && at > entries[place - 1u]; --place) {
                 links[place] = links[place - 1u];
                 entries[place] = entries[place - 1u];
             }
             links[place] = node->children[child];
             entries[place] = at;
+            prefetch_link(scene, node->children[child]);
         }
     }
 }

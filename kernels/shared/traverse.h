@@ -2,7 +2,8 @@
 //
 // A stream is up to 32 rays from one origin, traced together in one work-item: a stack entry is a
 // node and a mask of the rays that reach it. Boxes and triangles are tested eight at a time, in
-// vector lanes, one ray after the other.
+// vector lanes, one ray after the other. Where nearest hits are asked for, entries also hold where the
+// first of their rays gets there, and a ray that is alone below a node is followed by itself.
 //
 // Watertight: a triangle is hit where its three edge volumes d.(p x q), of vertices relative to the
 // ray's origin, have no two different signs. 2 p x q is computed as (p - q) x (p + q), as Embree does:
@@ -57,12 +58,20 @@ static void prepare_stream(Stream *s)
 // The lowest lane of eight bytes that are not zero.
 static uint lowest_lane(ulong lanes) { return (63u - (uint)clz(lanes & (0ul - lanes))) >> 3; }
 
+// The same; the lane is then cleared.
+static uint take_lane(ulong *lanes)
+{
+    uint lane = lowest_lane(*lanes);
+    *lanes &= ~(0xfful << (8u * lane));
+    return lane;
+}
+
 static float8 relative(__global const float *row, float origin, float origin_low)
 {
     return (vload8(0, row) - origin) - origin_low;
 }
 
-// For each child the rays of `mask` that meet its box; `entry` gets where the first of them does.
+// For each child the rays of `mask` that meet its box; `entry` gets where the first of these does.
 static int8 meet_children(__global const WideNode *node, float3 origin, float3 low, const Stream *s, uint mask,
                           float8 *entry)
 {
@@ -74,7 +83,7 @@ static int8 meet_children(__global const WideNode *node, float3 origin, float3 l
     planes[4] = relative(node->lower[2], origin.z, low.z);
     planes[5] = relative(node->upper[2], origin.z, low.z);
     int8 met = 0;
-    bool first = true;
+    *entry = INFINITY;
     while (mask) {
         uint i = lowest_bit(mask);
         mask &= mask - 1u;
@@ -82,16 +91,15 @@ static int8 meet_children(__global const WideNode *node, float3 origin, float3 l
                         max(planes[s->near_z[i]] * s->iz[i], 0.0f));
         float8 t1 = min(min(planes[s->near_x[i] ^ 1u] * s->ix[i], planes[s->near_y[i] ^ 1u] * s->iy[i]),
                         min(planes[s->near_z[i] ^ 1u] * s->iz[i], s->t_max[i]));
-        met |= (t0 <= t1 * SLAB_WIDENING) & (int8)(1u << i);
-        if (first)
-            *entry = t0;
-        first = false;
+        int8 hit = t0 <= t1 * SLAB_WIDENING;
+        met |= hit & (int8)(1u << i);
+        *entry = select(*entry, min(*entry, t0), hit);
     }
     return met;
 }
 
 // Eight triangles relative to the origin: vertices, twice their edges' cross products with their
-// rounding error, normals (not unit ones) and the planes' distances times these.
+// rounding error; and what distances need, normals (not unit ones) and the planes' distances times these.
 typedef struct {
     float8 ax, ay, az, bx, by, bz, cx, cy, cz;
     float8 ux, uy, uz, vx, vy, vz, wx, wy, wz;
@@ -108,7 +116,7 @@ static float8 difference_of_products(float8 a, float8 b, float8 c, float8 d)
 
 static float8 largest(float8 x, float8 y, float8 z) { return max(max(fabs(x), fabs(y)), fabs(z)); }
 
-static void load_leaf(__global const float *vertices, uint n, float3 origin, float3 low, Leaf *l)
+__attribute__((always_inline)) static void load_leaf(__global const float *vertices, uint n, float3 origin, float3 low, Leaf *l)
 {
     l->ax = relative(vertices, origin.x, low.x);
     l->ay = relative(vertices + n, origin.y, low.y);
@@ -135,13 +143,23 @@ static void load_leaf(__global const float *vertices, uint n, float3 origin, flo
     l->wx = gy * sz - gz * sy;
     l->wy = gz * sx - gx * sz;
     l->wz = gx * sy - gy * sx;
+    // The largest difference between vertices along an axis is that between the extreme ones.
+    float8 hx = max(max(l->ax, l->bx), l->cx), hy = max(max(l->ay, l->by), l->cy), hz = max(max(l->az, l->bz), l->cz);
+    float8 lx = min(min(l->ax, l->bx), l->cx), ly = min(min(l->ay, l->by), l->cy), lz = min(min(l->az, l->bz), l->cz);
+    float8 edge = max(max(hx - lx, hy - ly), hz - lz);
+    float8 coordinate = max(max(max(hx, -lx), max(hy, -ly)), max(hz, -lz));
+    l->error = edge * coordinate * VOLUME_ERROR;
+}
+
+// What distances need, once a leaf is known to be met by some ray: most are not.
+static void load_planes(Leaf *l)
+{
+    float8 fx = l->ax - l->cx, fy = l->ay - l->cy, fz = l->az - l->cz;
+    float8 gx = l->bx - l->ax, gy = l->by - l->ay, gz = l->bz - l->az;
     l->nx = difference_of_products(fy, gz, fz, gy);
     l->ny = difference_of_products(fz, gx, fx, gz);
     l->nz = difference_of_products(fx, gy, fy, gx);
     l->plane = fma(l->nx, l->ax, fma(l->ny, l->ay, l->nz * l->az));
-    float8 edge = max(max(largest(ex, ey, ez), largest(fx, fy, fz)), largest(gx, gy, gz));
-    float8 coordinate = max(max(largest(l->ax, l->ay, l->az), largest(l->bx, l->by, l->bz)), largest(l->cx, l->cy, l->cz));
-    l->error = edge * coordinate * VOLUME_ERROR;
 }
 
 typedef union {
@@ -232,6 +250,16 @@ __attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint plac
 }
 #endif
 
+// The lanes of a leaf that rounding does not show to be missed, and twice the ray's edge volumes in each.
+static int8 lanes_met(const Leaf *l, uint n, float3 d, float8 *u, float8 *v, float8 *w)
+{
+    *u = fma((float8)d.x, l->ux, fma((float8)d.y, l->uy, d.z * l->uz));
+    *v = fma((float8)d.x, l->vx, fma((float8)d.y, l->vy, d.z * l->vz));
+    *w = fma((float8)d.x, l->wx, fma((float8)d.y, l->wy, d.z * l->wz));
+    int8 outside = (min(min(*u, *v), *w) < -l->error) & (max(max(*u, *v), *w) > l->error);
+    return ~outside & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
+}
+
 // What a ray asks of a leaf.
 #define CLOSEST_FRONT 0
 #define ANY 1
@@ -241,14 +269,10 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
                       uint kind, uint seed)
 {
     Lanes u, v, w, t;
-    u.vector = fma((float8)d.x, l->ux, fma((float8)d.y, l->uy, d.z * l->uz));
-    v.vector = fma((float8)d.x, l->vx, fma((float8)d.y, l->vy, d.z * l->vz));
-    w.vector = fma((float8)d.x, l->wx, fma((float8)d.y, l->wy, d.z * l->wz));
-    float8 least = min(min(u.vector, v.vector), w.vector), most = max(max(u.vector, v.vector), w.vector);
-    int8 outside = (least < -l->error) & (most > l->error);
-    int8 open = ~outside & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
+    int8 open = lanes_met(l, n, d, &u.vector, &v.vector, &w.vector);
     if (!some8(open))
         return false;
+    float8 least = min(min(u.vector, v.vector), w.vector), most = max(max(u.vector, v.vector), w.vector);
     t.vector = l->plane / fma((float8)d.x, l->nx, fma((float8)d.y, l->ny, d.z * l->nz));
     int8 sure = (least > l->error) | (most < -l->error);
     // Sure lanes out of range are done; open ones get their distance after the verdict.
@@ -261,8 +285,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
     ulong lanes = as_ulong(convert_char8(left));
     bool stored = false;
     while (lanes) {
-        uint lane = lowest_lane(lanes);
-        lanes &= ~(0xfful << (8u * lane));
+        uint lane = take_lane(&lanes);
         float3 volumes = (float3)(u.lane[lane], v.lane[lane], w.lane[lane]);
         float distance = t.lane[lane];
         float margin = ((const float *)&l->error)[lane];
@@ -302,6 +325,19 @@ typedef union {
     uint lane[8];
 } IntLanes;
 
+// Asks for what will be walked to later, where the compiler knows how to.
+static void prefetch_link(const Scene *scene, uint link)
+{
+#ifdef __has_builtin
+#if __has_builtin(__builtin_prefetch)
+    __global const char *leaf = (__global const char *)(scene->leaves + 9u * (link & 0x0fffffffu));
+    __global const char *at = link & LEAF ? leaf : (__global const char *)(scene->nodes + link);
+    for (uint line = 0; line < 4u; ++line)
+        __builtin_prefetch(at + 64u * line);
+#endif
+#endif
+}
+
 // Pushes the children that rays have met. All eight are written, and the stack grows by those that count:
 // which they are cannot be predicted, and branches would cost more.
 static uint push_any(uint2 *stack, uint depth, __global const WideNode *node, const IntLanes *met)
@@ -315,7 +351,7 @@ static uint push_any(uint2 *stack, uint depth, __global const WideNode *node, co
 
 // The same with the nearest child, as the first ray sees it, on top: each goes as many places above `depth`
 // as there are farther ones. What no ray has met counts as nearest, and lands beyond the top.
-static uint push_nearest(uint2 *stack, uint depth, __global const WideNode *node, const IntLanes *met, float8 entry)
+static uint push_nearest(uint2 *stack, float *entries, uint depth, __global const WideNode *node, const IntLanes *met, float8 entry)
 {
     const int8 index = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
     Lanes at;
@@ -329,9 +365,85 @@ static uint push_nearest(uint2 *stack, uint depth, __global const WideNode *node
     }
     for (uint child = 0; child < 8u; ++child) {
         stack[place.lane[child]] = (uint2)(node->children[child], met->lane[child]);
+        entries[place.lane[child]] = at.lane[child];
         depth += met->lane[child] ? 1u : 0u;
     }
     return depth;
+}
+
+// One ray meets a leaf; true where a hit nearer than t_max was stored.
+static bool meet_leaf_once(const Scene *scene, float3 origin, float3 low, uint link, float3 d, float *t_max, uint *triangle, uint seed)
+{
+    uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
+    // What this leaf has stays in registers unless it is met.
+    Leaf look;
+    load_leaf(scene->leaves + 9u * first, n, origin, low, &look);
+    float8 u, v, w;
+    if (!some8(lanes_met(&look, n, d, &u, &v, &w)))
+        return false;
+    Leaf leaf = look;
+    load_planes(&leaf);
+    return meet_leaf(scene, &leaf, first, n, d, t_max, triangle, CLOSEST_FRONT, seed);
+}
+
+// Follows ray i of a stream from a link on to its nearest hit; true where there is one. The stack is used
+// from `base` on.
+__attribute__((noinline)) static bool follow_ray(const Scene *scene, float3 origin, float3 low, Stream *s, uint i, uint link,
+                                                 uint2 *stack, float *entries, uint base, uint seed)
+{
+    float3 d = (float3)(s->dx[i], s->dy[i], s->dz[i]);
+    float ix = s->ix[i], iy = s->iy[i], iz = s->iz[i];
+    // Places in a node of the planes that the ray meets first, and of those that it meets last.
+    uint near_x = s->near_x[i] * 24u, near_y = (s->near_y[i] - 2u) * 24u + 8u, near_z = (s->near_z[i] - 4u) * 24u + 16u;
+    uint far_x = 24u - near_x, far_y = 40u - near_y, far_z = 56u - near_z;
+    float t_max = s->t_max[i];
+    uint depth = base;
+    bool found = false;
+    for (;;) {
+        if (link & LEAF) {
+            found |= meet_leaf_once(scene, origin, low, link, d, &t_max, &s->triangle[i], seed);
+        } else {
+            __global const WideNode *node = scene->nodes + link;
+            __global const float *planes = (__global const float *)node;
+            Lanes at;
+            at.vector = max(max(relative(planes + near_x, origin.x, low.x) * ix, relative(planes + near_y, origin.y, low.y) * iy),
+                            max(relative(planes + near_z, origin.z, low.z) * iz, 0.0f));
+            float8 leave = min(min(relative(planes + far_x, origin.x, low.x) * ix, relative(planes + far_y, origin.y, low.y) * iy),
+                               min(relative(planes + far_z, origin.z, low.z) * iz, t_max));
+            ulong lanes = as_ulong(convert_char8(at.vector <= leave * SLAB_WIDENING));
+            if (lanes) {
+                uint lane = take_lane(&lanes), bottom = depth;
+                float entry = at.lane[lane];
+                link = node->children[lane];
+                while (lanes) {
+                    // The nearest child stays in hand, the others go to the stack, nearer ones to its top.
+                    lane = take_lane(&lanes);
+                    bool nearer = at.lane[lane] < entry;
+                    float other = nearer ? entry : at.lane[lane];
+                    uint other_link = nearer ? link : node->children[lane];
+                    entry = nearer ? at.lane[lane] : entry;
+                    link = nearer ? node->children[lane] : link;
+                    uint place = depth++;
+                    for (; place > bottom && other > entries[place - 1u]; --place) {
+                        entries[place] = entries[place - 1u];
+                        stack[place] = stack[place - 1u];
+                    }
+                    entries[place] = other;
+                    stack[place].x = other_link;
+                    prefetch_link(scene, other_link);
+                }
+                continue;
+            }
+        }
+        do {
+            if (depth == base) {
+                s->t_max[i] = t_max;
+                return found;
+            }
+            --depth;
+        } while (entries[depth] > t_max * SLAB_WIDENING);
+        link = stack[depth].x;
+    }
 }
 
 // Traces the rays of `mask`; returns those that hit something. For CLOSEST_FRONT the stream's t_max
@@ -339,6 +451,8 @@ static uint push_nearest(uint2 *stack, uint depth, __global const WideNode *node
 __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 origin, float3 low, Stream *s, uint mask, uint kind, uint seed)
 {
     uint2 stack[STACK_SIZE];
+    float entries[STACK_SIZE];
+    entries[0] = 0.0f;
     uint depth = 1, hits = 0;
     stack[0] = (uint2)(0u, mask);
     prepare_stream(s);
@@ -347,10 +461,18 @@ __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 or
         uint active = kind == ANY ? top.y & ~hits : top.y;
         if (!active)
             continue;
+        if (kind != ANY && !(active & (active - 1u))) {
+            uint i = lowest_bit(active);
+            if (entries[depth] <= s->t_max[i] * SLAB_WIDENING &&
+                follow_ray(scene, origin, low, s, i, top.x, stack, entries, depth, seed))
+                hits |= active;
+            continue;
+        }
         if (top.x & LEAF) {
             uint first = top.x & 0x0fffffffu, n = (top.x >> 28 & 7u) + 1u;
             Leaf leaf;
             load_leaf(scene->leaves + 9u * first, n, origin, low, &leaf);
+            load_planes(&leaf);
             while (active) {
                 uint i = lowest_bit(active);
                 active &= active - 1u;
@@ -367,7 +489,7 @@ __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 or
         if (kind == ANY)
             depth = push_any(stack, depth, node, &met);
         else
-            depth = push_nearest(stack, depth, node, &met, entry);
+            depth = push_nearest(stack, entries, depth, node, &met, entry);
     }
     return hits;
 }
