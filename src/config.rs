@@ -173,6 +173,15 @@ impl WalkConfig {
     }
 }
 
+impl From<trace::Walk> for WalkConfig {
+    fn from(walk: trace::Walk) -> WalkConfig {
+        match walk {
+            trace::Walk::Together => WalkConfig::Together,
+            trace::Walk::Alone => WalkConfig::Alone,
+        }
+    }
+}
+
 /// How samples become pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use super::mock;
 use super::options::RenderOptions;
 use super::{output, render};
-use crate::config::{Layers, Stereo};
+use crate::config::{Config, Layers, Stereo};
 use crate::error::Result;
 use crate::frame::Output;
 use crate::headset::mock::Script;
 use crate::math::pose::Pose;
 use crate::math::view::View;
+use crate::trace::Walk;
 use crate::trade::{Effort, Report, Subject, sweep};
 use crate::whole_file;
 
@@ -63,17 +64,22 @@ pub fn run(args: &Args) -> Result<()> {
         let eyes = profile.views(head);
         if config.view.stereo == Stereo::Mono { vec![eyes[0]] } else { eyes.to_vec() }
     };
-    let (mut renderer, _) = machine.renderer(&loaded, &config, Output::Radiance)?;
+    let open = |config: &Config| Ok(machine.renderer(&loaded, config, Output::Radiance)?.0);
+    let mut renderer = open(&config)?;
+    let used = |walk: &Walk| machine.devices.iter().all(|device| config.trace.walk.on(device) == *walk);
+    let walks: Vec<Walk> = Walk::ALL.into_iter().filter(|walk| !used(walk)).collect();
     let subject = Subject {
         scene: args.scene.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         loaded: &loaded,
         config: &config,
         views: &views,
         heads: &heads,
+        walks: &walks,
+        open: &open,
         device: format!("{}, samples {}", machine.describe(), renderer.sharing()),
         effort,
     };
-    let bar = output::progress(100, "measuring");
+    let bar = output::progress_share("measuring");
     let report = sweep(&subject, &mut renderer, &args.out, &|done, total| {
         bar.set_length(total);
         bar.set_position(done);
@@ -85,13 +91,13 @@ pub fn run(args: &Args) -> Result<()> {
     print(&report, &args.out)
 }
 
-/// Heads along the script, each in two steps of `step` seconds.
-fn heads(script: &Script, count: usize, step: f64) -> Vec<[Pose; 2]> {
+/// Heads along the script, each in three steps of `step` seconds.
+fn heads(script: &Script, count: usize, step: f64) -> Vec<[Pose; 3]> {
     (0..count)
         .map(|i| {
             // The head is under way in both directions, never at a turning point.
             let time = SCRIPT_SECONDS * (i as f64 + 0.3) / count as f64;
-            [script.head_at(time), script.head_at(time + step)]
+            [-1.0, 0.0, 1.0].map(|frames| script.head_at(time + frames * step))
         })
         .collect()
 }

@@ -43,9 +43,22 @@ pub struct Summary {
     render: RenderSummary,
     fps: f64,
     presenter: String,
+    /// How the last frame's time was held, and how many frames took longer than they may; `null` where
+    /// settings stayed as they were.
+    budget: Option<BudgetSummary>,
     out: String,
     contact_sheet: Option<String>,
     preview: Option<String>,
+}
+
+/// How frames' times were held.
+#[derive(Serialize)]
+struct BudgetSummary {
+    /// What the last frame was made with.
+    #[serde(flatten)]
+    held: budget::Held,
+    /// Frames that took longer than they may.
+    frames_over: usize,
 }
 
 /// A mock headset in front of a scene.
@@ -145,6 +158,9 @@ impl Session<'_> {
         if let Some(controller) = &controller {
             renderer.apply(&controller.config(self.config))?;
         }
+        if let Some(controller) = &mut controller {
+            output::print_warnings(&controller.take_notes());
+        }
 
         // Drivers finish building kernels at their first launch: one frame that does not count.
         let first_plan = self.plan(profile, script(seconds).head_at(0.0))?;
@@ -161,7 +177,7 @@ impl Session<'_> {
         let mut log = FrameLog::create(self.out.join("frames.jsonl"))?;
         let script = script(seconds);
         let bar = output::progress(count.into(), "frames");
-        let mut reports = Vec::new();
+        let (mut reports, mut over) = (Vec::new(), 0);
         for frame in 0..count {
             let time = seconds * f64::from(frame) / f64::from(count);
             let (head, gaze) = (script.head_at(time), self.gaze.unwrap_or_else(|| script.gaze_at(time)));
@@ -174,6 +190,9 @@ impl Session<'_> {
             let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
             if let Some(controller) = &mut controller {
                 controller.observe(report.frame_ms, report.pattern_ms);
+                bar.suspend(|| output::print_warnings(&controller.take_notes()));
+                let target = held.and_then(|held| held.target_ms);
+                over += usize::from(target.is_some_and(|target| report.frame_ms > target));
             }
             output::print_warnings(&renderer.take_notes());
             sink.push(frame as usize, plan.width, plan.height, renderer.picture()?)?;
@@ -189,6 +208,7 @@ impl Session<'_> {
             fps: 1e3 / render.frame_ms.p50,
             render,
             presenter: format!("mock headset ({})", profile.name),
+            budget: controller.map(|c| BudgetSummary { held: c.held(), frames_over: over }),
             out: self.out.display().to_string(),
             contact_sheet: files.contact_sheet.map(|path| path.display().to_string()),
             preview: files.preview.map(|path| path.display().to_string()),

@@ -86,7 +86,10 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// The point of the front that is expected to meet the targets, where there are any.
 fn chosen(config: Config) -> Result<Config> {
-    Ok(budget::controller(&config, None)?.map_or(config.clone(), |controller| controller.config(&config)))
+    let Some(mut controller) = budget::controller(&config, None)? else { return Ok(config) };
+    output::print_warnings(&controller.take_notes());
+    output::print_warnings(controller.expectation().as_slice());
+    Ok(controller.config(&config))
 }
 
 /// Opens the devices while the scene loads.

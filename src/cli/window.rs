@@ -259,6 +259,7 @@ impl<'a> Session<'a> {
         let report = self.renderer.frame(&plan, &[], self.seed)?;
         if let Some(controller) = &mut self.controller {
             controller.observe(report.frame_ms, report.pattern_ms);
+            output::print_warnings(&controller.take_notes());
         }
         keep(&mut self.reports, report);
         if moment.since_last > 0.0 {

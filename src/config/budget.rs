@@ -71,6 +71,9 @@ pub struct OperatingPoint {
     pub rays: u32,
     /// Further bounces.
     pub bounces: u32,
+    /// More camera rays where pixels have edges; as by default where a point does not say.
+    #[serde(default = "usual_edge_rays")]
+    pub edge_rays: u32,
     /// How samples become pixels.
     pub method: Method,
     /// Nearest samples that each pixel averages.
@@ -84,7 +87,7 @@ pub struct OperatingPoint {
 impl OperatingPoint {
     /// Whether two points differ in numbers of samples and rays alone, apart from what they cost and reach.
     pub fn same_family(&self, other: &OperatingPoint) -> bool {
-        let family = |p: &OperatingPoint| (p.law, p.bounces, p.method, p.k, p.weights);
+        let family = |p: &OperatingPoint| (p.law, p.bounces, p.edge_rays, p.method, p.k, p.weights);
         family(self) == family(other)
     }
 
@@ -95,6 +98,7 @@ impl OperatingPoint {
         config.foveation.samples = Samples::Share(self.samples);
         config.trace.rays = self.rays;
         config.trace.bounces = self.bounces;
+        config.trace.edge_rays = self.edge_rays;
         config.reconstruction.method = self.method;
         config.reconstruction.k = self.k;
         config.reconstruction.weights = self.weights;
@@ -109,6 +113,7 @@ impl OperatingPoint {
             samples: config.foveation.samples.of(pixels) as f64 / pixels.max(1) as f64,
             rays: config.trace.rays,
             bounces: config.trace.bounces,
+            edge_rays: config.trace.edge_rays,
             method: config.reconstruction.method,
             k: config.reconstruction.k,
             weights: config.reconstruction.weights,
@@ -122,9 +127,14 @@ impl OperatingPoint {
         check_share("budget.front.samples", self.samples)?;
         range("budget.front.rays", f64::from(self.rays), 1.0, 4096.0)?;
         range("budget.front.bounces", f64::from(self.bounces), 0.0, 4.0)?;
+        range("budget.front.edge_rays", f64::from(self.edge_rays), 0.0, 8.0)?;
         range("budget.front.k", f64::from(self.k), 1.0, 16.0)?;
         self.law.validate()
     }
+}
+
+fn usual_edge_rays() -> u32 {
+    Config::default().trace.edge_rays
 }
 
 /// Refuses shares of the pixels that are not above 0 and up to 1.

@@ -4,6 +4,7 @@ pub mod balance;
 pub mod budget;
 pub mod crew;
 pub mod front;
+pub mod ladder;
 pub mod load;
 pub mod log;
 pub mod pipeline;

@@ -213,6 +213,21 @@ impl Renderer {
     /// # Errors
     /// Where a device fails.
     pub fn frame(&mut self, plan: &Plan, gaze: &[DVec2], seed: u32) -> Result<FrameReport> {
+        self.late_frame(plan, gaze, seed, &mut |_| None)
+    }
+
+    /// The same, with `late` asked where each view's eye will be when the picture is seen: see
+    /// [`Renderer::shoot`].
+    ///
+    /// # Errors
+    /// Where a device fails.
+    pub fn late_frame(
+        &mut self,
+        plan: &Plan,
+        gaze: &[DVec2],
+        seed: u32,
+        late: &mut dyn FnMut(usize) -> Option<Pose>,
+    ) -> Result<FrameReport> {
         let target = self.prepare_image(plan)?;
         let shot = |(index, (view, cuts)): (usize, &(View, Vec<Cut>))| Shot {
             view: *view,
@@ -229,7 +244,7 @@ impl Renderer {
                 .collect(),
         };
         let shots: Vec<Shot> = plan.views.iter().enumerate().map(shot).collect();
-        self.shoot(&shots, seed, &mut |_| None)
+        self.shoot(&shots, seed, late)
     }
 
     /// Renders one frame into targets made elsewhere, and waits until all pixels are written.

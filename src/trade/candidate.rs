@@ -3,6 +3,7 @@
 use super::effort::Effort;
 use crate::config::{Config, Method, Samples, Stereo, WeightsConfig};
 use crate::foveation::Law;
+use crate::trace::Walk;
 
 /// One way to make frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,6 +21,14 @@ pub struct Candidate {
 pub enum Means {
     /// By this program.
     Own(Box<Config>),
+    /// By this program, traced from where the eyes were a frame before the picture is shown, as a headset
+    /// gets it.
+    Late {
+        /// Settings.
+        config: Box<Config>,
+        /// Pixels are moved to where they are seen from when the picture is shown.
+        corrected: bool,
+    },
     /// A sample at each pixel, with fewer rays in zones farther from the gaze: up to 10 degrees, up to
     /// 20, and beyond.
     Zones {
@@ -44,9 +53,24 @@ pub const GIVEN: &str = "given";
 pub const GRID: &str = "samples and rays";
 /// The axis of what others do.
 pub const RIVAL: &str = "rival";
+/// The axis of the kernels' variants.
+pub const WALK: &str = "walk";
+/// The axis of pictures that are shown a frame after the pose that they were traced at.
+pub const LATE: &str = "late correction";
 
-/// Everything to measure except what others do, the given settings first.
-pub fn candidates(base: &Config, effort: Effort) -> Vec<Candidate> {
+impl Candidate {
+    /// The settings of what this program makes; none for what others do.
+    pub fn config(&self) -> Option<&Config> {
+        match &self.means {
+            Means::Own(config) | Means::Late { config, .. } => Some(config),
+            _ => None,
+        }
+    }
+}
+
+/// Everything to measure except what others do, the given settings first. `walks` are the kernels' variants
+/// that the devices do not use with the given settings.
+pub fn candidates(base: &Config, effort: Effort, walks: &[Walk]) -> Vec<Candidate> {
     let mut list = vec![own("as given", GIVEN, base.clone())];
     let mut add = |name: String, axis, change: &dyn Fn(&mut Config)| {
         let mut config = base.clone();
@@ -97,6 +121,13 @@ pub fn candidates(base: &Config, effort: Effort) -> Vec<Candidate> {
     for &bounces in bounces(effort) {
         add(format!("bounces {bounces}"), "bounces", &|c| c.trace.bounces = bounces);
     }
+    for &walk in walks {
+        add(format!("walk {}", walk.name()), WALK, &|c| c.trace.walk = walk.into());
+    }
+    for (name, corrected) in [("off", false), ("on", true)] {
+        let means = Means::Late { config: Box::new(base.clone()), corrected };
+        list.push(Candidate { name: format!("{LATE} {name}"), axis: LATE, means });
+    }
     list
 }
 
@@ -143,16 +174,19 @@ mod tests {
         let mut config = Config::default();
         config.view.stereo = Stereo::PerEye;
         for effort in [Effort::Quick, Effort::Usual, Effort::Thorough] {
-            let list = candidates(&config, effort);
+            let list = candidates(&config, effort, &[Walk::Alone]);
             let names: HashSet<&str> = list.iter().map(|c| c.name.as_str()).collect();
             assert_eq!(names.len(), list.len());
             assert_eq!(list[0].axis, GIVEN);
             for (index, candidate) in list.iter().enumerate() {
                 assert!(list[..index].iter().all(|c| c.means != candidate.means), "{}", candidate.name);
             }
-            for axis in ["samples", "rays", "law", "reconstruction", "k", "weights", "stereo"] {
+            let axes =
+                ["samples", "rays", GRID, "law", "reconstruction", "k", "weights", "edge rays", "stereo"];
+            for axis in axes.into_iter().chain([WALK, LATE]) {
                 assert!(list.iter().any(|c| c.axis == axis), "{effort:?} sweeps {axis}");
             }
+            assert_eq!(list.iter().any(|c| c.axis == "bounces"), effort != Effort::Quick);
         }
     }
 }

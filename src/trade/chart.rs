@@ -1,6 +1,6 @@
 //! The chart of the page: frame time against score, as SVG.
 
-use super::candidate::{GIVEN, RIVAL};
+use super::candidate::{GIVEN, LATE, RIVAL};
 use super::report::{Point, Report};
 
 const WIDTH: f64 = 860.0;
@@ -15,7 +15,7 @@ struct Scale {
 }
 
 impl Scale {
-    fn of(points: &[Point]) -> Scale {
+    fn of(points: &[&Point]) -> Scale {
         let range = |values: &mut dyn Iterator<Item = f64>| {
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
         };
@@ -39,9 +39,10 @@ impl Scale {
     }
 }
 
-/// All points, with a line through the front.
+/// All points that are judged where they were traced, with a line through the front.
 pub fn svg(report: &Report) -> String {
-    let scale = Scale::of(&report.points);
+    let shown = || report.points.iter().enumerate().filter(|(_, p)| p.axis != LATE);
+    let scale = Scale::of(&shown().map(|(_, p)| p).collect::<Vec<_>>());
     let mut svg = format!(
         "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Frame time against foveated score\">\n"
     );
@@ -52,14 +53,37 @@ pub fn svg(report: &Report) -> String {
         .map(|p| format!("{:.1},{:.1}", scale.x(p.frame_ms), scale.y(p.foveated_score)))
         .collect();
     svg += &format!("<polyline class=\"front\" points=\"{}\"/>\n", line.join(" "));
-    for (index, point) in report.points.iter().enumerate() {
-        svg += &mark(&scale, index, point);
+    let mut labels = Labels::default();
+    for (index, point) in shown() {
+        svg += &mark(&scale, index, point, &mut labels);
     }
     svg + "</svg>\n"
 }
 
+/// Where labels are, so that none lies on another.
+#[derive(Default)]
+struct Labels(Vec<[f64; 4]>);
+
+impl Labels {
+    /// The baseline for a label at a mark: as near to it as others allow.
+    fn place(&mut self, x: f64, y: f64, letters: usize, end: bool) -> f64 {
+        let width = letters as f64 * 6.4;
+        let left = if end { x - width } else { x };
+        let boxed = |y: f64| [left, y - 10.0, left + width, y + 3.0];
+        let free = |y: &f64| {
+            let b = boxed(*y);
+            self.0.iter().all(|o| b[2] < o[0] || o[2] < b[0] || b[3] < o[1] || o[3] < b[1])
+        };
+        let tries = [4.0, 18.0, -10.0, 32.0, -24.0, 46.0, -38.0, 60.0].map(|dy| y + dy);
+        let inside = |y: &f64| (MARGIN[2] + 10.0..HEIGHT - MARGIN[3]).contains(y);
+        let chosen = tries.into_iter().find(|y| inside(y) && free(y)).unwrap_or(tries[0]);
+        self.0.push(boxed(chosen));
+        chosen
+    }
+}
+
 /// A point: where it is, how sure that is, and what it is when it is pointed at.
-fn mark(scale: &Scale, index: usize, p: &Point) -> String {
+fn mark(scale: &Scale, index: usize, p: &Point, labels: &mut Labels) -> String {
     let (x, y) = (scale.x(p.frame_ms), scale.y(p.foveated_score));
     let class = match p.axis.as_str() {
         GIVEN => "given",
@@ -75,18 +99,21 @@ fn mark(scale: &Scale, index: usize, p: &Point) -> String {
         scale.y(p.foveated_score + p.foveated_score_error),
     );
     let shape = match class {
-        "rival" => format!("<path d=\"M{x:.1} {:.1}l6 6l-6 6l-6 -6z\" transform=\"translate(0 -6)\"/>", y),
-        "given" => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"7\"/>"),
-        _ => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\"/>"),
+        "rival" => format!(
+            "<path class=\"shape\" d=\"M{x:.1} {:.1}l6 6l-6 6l-6 -6z\" transform=\"translate(0 -6)\"/>",
+            y
+        ),
+        "given" => format!("<circle class=\"shape\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"7\"/>"),
+        _ => format!("<circle class=\"shape\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\"/>"),
     };
     let label = match class {
         "given" | "rival" => {
             let end = x > WIDTH * 0.7;
             let (dx, anchor) = if end { (-10.0, "end") } else { (10.0, "start") };
+            let baseline = labels.place(x + dx, y, p.name.chars().count(), end);
             format!(
-                "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>",
+                "<text x=\"{:.1}\" y=\"{baseline:.1}\" text-anchor=\"{anchor}\">{}</text>",
                 x + dx,
-                y + 4.0,
                 super::page::escaped(&p.name)
             )
         }
@@ -151,6 +178,14 @@ fn score_step(range: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn labels_do_not_lie_on_each_other() {
+        let mut labels = Labels::default();
+        let places: Vec<f64> = (0..4).map(|_| labels.place(100.0, 200.0, 20, false)).collect();
+        assert_eq!(places, [204.0, 218.0, 190.0, 232.0]);
+        assert_eq!(labels.place(400.0, 200.0, 20, false), 204.0);
+    }
 
     #[test]
     fn ticks_are_round_numbers() {

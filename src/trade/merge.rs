@@ -134,6 +134,7 @@ fn file(
     struct Trace {
         rays: u32,
         bounces: u32,
+        edge_rays: u32,
     }
     #[derive(Serialize)]
     struct Reconstruction {
@@ -143,7 +144,7 @@ fn file(
     }
     let file = File {
         foveation: Foveation { samples: chosen.samples, law: chosen.law },
-        trace: Trace { rays: chosen.rays, bounces: chosen.bounces },
+        trace: Trace { rays: chosen.rays, bounces: chosen.bounces, edge_rays: chosen.edge_rays },
         reconstruction: Reconstruction { method: chosen.method, k: chosen.k, weights: chosen.weights },
         budget: Budget { front: points },
     };

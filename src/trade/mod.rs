@@ -14,5 +14,5 @@ mod store;
 pub mod sweep;
 
 pub use effort::Effort;
-pub use report::{Point, ReferenceError, Report};
+pub use report::{LeftOut, Point, ReferenceError, Report};
 pub use sweep::{Subject, sweep};

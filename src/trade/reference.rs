@@ -61,14 +61,15 @@ pub fn full(base: &Config, rays: u32, bounces: u32) -> Config {
     config
 }
 
-/// The reference of a plan: from the store, or rendered and stored.
+/// The reference of a plan: from the store, or rendered and stored. `tick` is called for each pass, with
+/// whether it was made now.
 pub fn obtain(
     renderer: &mut Renderer,
     plan: &Plan,
     making: &Making<'_>,
     store: &Store,
     name: &str,
-    tick: &mut dyn FnMut(),
+    tick: &mut dyn FnMut(bool),
 ) -> Result<Reference> {
     let exposure = making.viewing.exposure;
     let with = |picture: Picture, error| {
@@ -79,7 +80,7 @@ pub fn obtain(
         && let Ok(picture) = Picture::read_exr(&store.path(name, "exr"))
         && (picture.width, picture.height) == (plan.width, plan.height)
     {
-        (0..making.passes).for_each(|_| tick());
+        (0..making.passes).for_each(|_| tick(false));
         return Ok(with(picture, error));
     }
     let [first, second] = halves(renderer, plan, making, tick)?;
@@ -107,7 +108,7 @@ fn halves(
     renderer: &mut Renderer,
     plan: &Plan,
     making: &Making<'_>,
-    tick: &mut dyn FnMut(),
+    tick: &mut dyn FnMut(bool),
 ) -> Result<[Picture; 2]> {
     renderer.apply(&full(making.base, making.rays, making.bounces))?;
     renderer.set_jitter(true);
@@ -120,7 +121,7 @@ fn halves(
         for (sum, pixel) in sums[pass as usize % 2].iter_mut().zip(picture.pixels) {
             (0..3).for_each(|c| sum[c] += f64::from(pixel[c]));
         }
-        tick();
+        tick(true);
     }
     renderer.set_jitter(false);
     let scale = 2.0 / f64::from(making.passes);

@@ -11,7 +11,7 @@ use super::{candidate, page};
 use crate::config::OperatingPoint;
 use crate::error::{Error, Result};
 use crate::frame::front::{on_front, with_ladder};
-use crate::measure::stats::mean;
+use crate::measure::stats::{mean, median, percentile};
 
 /// One way to make frames, with what it costs and reaches.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +30,9 @@ pub struct Point {
     pub frame_ms_p90: f64,
     /// Frames that were timed.
     pub frames: usize,
+    /// What a frame of the given settings took just before and after, in milliseconds: how fast the machine
+    /// was. [`Report::steady`] takes that out of the times.
+    pub pulse_ms: f64,
     /// Median milliseconds that a new gaze costs besides.
     pub pattern_ms: f64,
     /// Shaded samples of a frame.
@@ -63,6 +66,23 @@ pub struct Point {
     pub operating: Option<OperatingPoint>,
 }
 
+/// How far a reference with few bounces of light is from one with more.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// Its bounces.
+    pub bounces: u32,
+    /// Those of the other.
+    pub of: u32,
+    /// PSNR in linear light up to white, decibels.
+    pub psnr: f64,
+    /// Relative squared error in linear light.
+    pub relmse: f64,
+    /// Mean FLIP.
+    pub flip: f64,
+    /// Score of the foveated difference.
+    pub foveated_score: f64,
+}
+
 /// A whole measurement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -82,11 +102,39 @@ pub struct Report {
     pub effort: super::Effort,
     /// How far the reference may be off: the worst of its pictures.
     pub reference_error: ReferenceError,
+    /// What pictures without noise lack that have fewer bounces of light; empty where only one number of
+    /// bounces was measured.
+    pub light_left_out: Vec<LeftOut>,
     /// Everything that was measured; the given settings first.
     pub points: Vec<Point>,
 }
 
 impl Report {
+    /// Takes the machine's ups and downs out of all times: they become what they would have been had frames
+    /// of the given settings always taken their median. [`Report::drift`] tells how much that is.
+    pub fn steady(&mut self) {
+        let pulses: Vec<f64> = self.points.iter().map(|p| p.pulse_ms).collect();
+        let Some(usual) = median(&pulses) else { return };
+        for point in &mut self.points {
+            let factor = usual / point.pulse_ms;
+            for ms in
+                [&mut point.frame_ms, &mut point.frame_ms_p10, &mut point.frame_ms_p90, &mut point.pattern_ms]
+            {
+                *ms *= factor;
+            }
+            if let Some(operating) = &mut point.operating {
+                operating.frame_ms *= factor;
+            }
+        }
+    }
+
+    /// Frame times of the given settings between points, over their median: 10th and 90th percentile.
+    pub fn drift(&self) -> [f64; 2] {
+        let pulses: Vec<f64> = self.points.iter().map(|p| p.pulse_ms).collect();
+        let at = |p| percentile(&pulses, p).unwrap_or(1.0) / median(&pulses).unwrap_or(1.0);
+        [at(10.0), at(90.0)]
+    }
+
     /// Marks the points on the front: among those that aim at the picture of the given settings, with as
     /// many bounces of light.
     pub fn mark_front(&mut self) {
@@ -236,4 +284,107 @@ impl Report {
 
 fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+#[cfg(test)]
+pub mod tests {
+    //! Also makes reports for other tests.
+
+    use super::*;
+    use crate::config::Config;
+
+    /// A point with a frame time and a score; the machine was as fast as `pulse_ms` says.
+    pub fn point(name: &str, axis: &str, frame_ms: f64, foveated_score: f64, pulse_ms: f64) -> Point {
+        Point {
+            name: name.to_string(),
+            axis: axis.to_string(),
+            config: serde_json::json!({ "name": name }),
+            frame_ms,
+            frame_ms_p10: frame_ms * 0.9,
+            frame_ms_p90: frame_ms * 1.2,
+            frames: 3,
+            pulse_ms,
+            pattern_ms: 1.0,
+            samples: 10,
+            rays: 20,
+            psnr: 30.0,
+            psnr_display: 31.0,
+            relmse: 0.01,
+            flip: 0.1,
+            foveated_score,
+            foveated_thresholds: 1.0,
+            foveated_scores: vec![foveated_score; 2],
+            foveated_score_error: 0.0,
+            flicker: 0.01,
+            disagreement: None,
+            on_front: false,
+            operating: Some(OperatingPoint::of(&Config::default(), 1000, frame_ms, foveated_score)),
+        }
+    }
+
+    /// A report of these points.
+    pub fn report(scene: &str, points: Vec<Point>) -> Report {
+        Report {
+            scene: scene.to_string(),
+            triangles: 2,
+            device: "a device".to_string(),
+            size: [4, 2],
+            pixels_per_degree: 2.0,
+            places: [1, 2, 2],
+            effort: super::super::Effort::Quick,
+            reference_error: ReferenceError {
+                passes: 4,
+                rays_per_pixel: 8,
+                psnr: 40.0,
+                psnr_display: 40.0,
+                relmse: 0.001,
+                flip_of_halves: 0.01,
+            },
+            light_left_out: Vec::new(),
+            points,
+        }
+    }
+
+    #[test]
+    fn a_machine_that_slows_down_does_not_count() {
+        let mut slow = point("slow", "rays", 30.0, 6.0, 20.0);
+        slow.operating = None;
+        let mut found = report(
+            "scene",
+            vec![
+                point("given", candidate::GIVEN, 10.0, 5.0, 10.0),
+                slow,
+                point("same", "k", 10.5, 5.0, 10.5),
+                point("fast", "rays", 8.0, 4.0, 8.0),
+            ],
+        );
+        let drift = found.drift();
+        assert!(drift[0] < 0.9 && drift[1] > 1.5, "{drift:?}");
+        found.steady();
+        let times: Vec<f64> = found.points.iter().map(|p| p.frame_ms).collect();
+        let usual = 10.25;
+        for (ms, expected) in times.iter().zip([1.0, 1.5, 1.0, 1.0]) {
+            assert!((ms - expected * usual).abs() < 1e-9, "{times:?}");
+        }
+        assert!((found.points[3].operating.unwrap().frame_ms - usual).abs() < 1e-9);
+        assert!((found.points[1].frame_ms_p90 - 1.2 * 1.5 * usual).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_front_is_of_points_that_frames_can_move_to() {
+        let mut apart = point("late", candidate::LATE, 1.0, 9.0, 1.0);
+        apart.operating = None;
+        let mut found = report(
+            "scene",
+            vec![
+                point("given", candidate::GIVEN, 10.0, 5.0, 10.0),
+                apart,
+                point("worse", "rays", 12.0, 4.0, 10.0),
+                point("better", "rays", 20.0, 6.0, 10.0),
+            ],
+        );
+        found.mark_front();
+        let front: Vec<&str> = found.front().iter().map(|p| p.name.as_str()).collect();
+        assert_eq!(front, ["given", "better"]);
+    }
 }

@@ -44,7 +44,7 @@ pub fn rivals(base: &Config, as_published: bool) -> Vec<Candidate> {
         ("lower resolution", Means::Coarse { scale: 0.5 }),
     ];
     let mut list =
-        vec![rival("every pixel", Means::Own(Box::new(full(base, base.trace.rays, base.trace.bounces))))];
+        vec![rival(EVERY_PIXEL, Means::Own(Box::new(full(base, base.trace.rays, base.trace.bounces))))];
     if as_published {
         list.extend(methods.iter().map(|(name, means)| rival(name, means.clone())));
     }
@@ -52,6 +52,8 @@ pub fn rivals(base: &Config, as_published: bool) -> Vec<Candidate> {
     list
 }
 
+/// The name of a sample in each pixel with as many rays as given.
+pub const EVERY_PIXEL: &str = "every pixel";
 /// Names of rivals that are made to cost what the given settings do end like this.
 pub const AT_EQUAL_COST: &str = ", at equal cost";
 
@@ -65,6 +67,7 @@ pub fn adjusted(means: &Means, factor: f64) -> Means {
             }
             Means::Own(config)
         }
+        Means::Late { .. } => means.clone(),
         Means::Zones { rays } => {
             let most = f64::from(rays[0]) * factor;
             // Ratios are kept as well as whole rays can.
@@ -84,15 +87,26 @@ pub struct Shot {
     pub report: FrameReport,
 }
 
-/// Renders a frame by any means. `gaze` is in 0..1 of the first eye's picture.
+/// What a frame is to show.
+#[derive(Clone, Copy)]
+pub struct Sight<'a> {
+    /// The eyes' views when it is shown.
+    pub eyes: &'a [View],
+    /// The same a frame earlier.
+    pub before: &'a [View],
+    /// Where the eyes look, in 0..1 of the first one's picture.
+    pub gaze: DVec2,
+}
+
+/// Renders a frame by any means.
 pub fn shoot(
     renderer: &mut Renderer,
     base: &Config,
     means: &Means,
-    eyes: &[View],
-    gaze: DVec2,
+    sight: Sight<'_>,
     seed: u32,
 ) -> Result<Shot> {
+    let Sight { eyes, before, gaze } = sight;
     let (rays, bounces) = (base.trace.rays, base.trace.bounces);
     match means {
         Means::Own(config) => {
@@ -100,6 +114,13 @@ pub fn shoot(
             let plan = plan(eyes, config.view.stereo)?;
             let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
             Ok(Shot { picture: taken(renderer, &plan)?, report })
+        }
+        Means::Late { config, corrected } => {
+            renderer.apply(config)?;
+            let (traced, shown) = (plan(before, config.view.stereo)?, plan(eyes, config.view.stereo)?);
+            let mut late = |view: usize| corrected.then(|| shown.views[view].0.world_from_eye);
+            let report = renderer.late_frame(&traced, &traced.gaze_points(gaze), seed, &mut late)?;
+            Ok(Shot { picture: taken(renderer, &traced)?, report })
         }
         Means::Zones { rays } => zones(renderer, base, *rays, eyes, gaze, seed),
         Means::Inset { scale } => {

@@ -2,12 +2,12 @@
 
 use glam::DVec2;
 
-use super::candidate::{Candidate, Means, candidates};
+use super::candidate::{Candidate, Means, RIVAL, WALK, candidates};
 use super::effort::Effort;
 use super::judge::{Judge, Scores, split};
 use super::reference::{Making, Reference, matched, obtain};
-use super::report::{Point, Report};
-use super::rivals::{AT_EQUAL_COST, adjusted, plan, rivals, shoot};
+use super::report::{LeftOut, Point, Report};
+use super::rivals::{AT_EQUAL_COST, Sight, adjusted, plan, rivals, shoot};
 use super::store::{Fingerprint, Store};
 use crate::config::{Config, OperatingPoint, Stereo};
 use crate::error::Result;
@@ -18,6 +18,7 @@ use crate::measure::metric::Viewing;
 use crate::measure::pairs::Match;
 use crate::measure::stats::{median, percentile};
 use crate::measure::{Display, Picture, flip};
+use crate::trace::Walk;
 
 /// What is measured.
 pub struct Subject<'a> {
@@ -29,8 +30,13 @@ pub struct Subject<'a> {
     pub config: &'a Config,
     /// The eyes' views from a head's pose; one or two.
     pub views: &'a dyn Fn(Pose) -> Vec<View>,
-    /// Heads in two steps, a frame apart.
-    pub heads: &'a [[Pose; 2]],
+    /// Heads in three steps, a frame apart. The last two are judged; the first is where late pictures of the
+    /// second are traced.
+    pub heads: &'a [[Pose; 3]],
+    /// The kernels' variants that the devices do not use with the given settings.
+    pub walks: &'a [Walk],
+    /// Makes a renderer with other settings, which the kernels' variants need.
+    pub open: &'a dyn Fn(&Config) -> Result<Renderer>,
     /// What traces and what reconstructs.
     pub device: String,
     /// How much work it may be.
@@ -39,8 +45,21 @@ pub struct Subject<'a> {
 
 /// A pose with what it is judged by.
 struct Place {
-    eyes: [Vec<View>; 2],
+    /// Before the first step, and at each of both.
+    eyes: [Vec<View>; 3],
+    /// Of the first step.
     matches: Vec<Match>,
+}
+
+impl Place {
+    /// The eyes at a step that is judged.
+    fn at(&self, step: usize) -> &[View] {
+        &self.eyes[step + 1]
+    }
+
+    fn sight(&self, step: usize, gaze: [f64; 2]) -> Sight<'_> {
+        Sight { eyes: self.at(step), before: &self.eyes[step], gaze: DVec2::from_array(gaze) }
+    }
 }
 
 /// Everything that stays the same for all candidates.
@@ -67,28 +86,41 @@ pub fn sweep(
     progress: Progress<'_>,
 ) -> Result<Report> {
     let store = Store::open(out, &fingerprint(subject))?;
-    let own = candidates(subject.config, subject.effort);
+    let own = candidates(subject.config, subject.effort, subject.walks);
     let others = rivals(subject.config, subject.effort != Effort::Quick);
     let mut meter = Meter::new(subject, &own, &others, progress);
     let mut bench = prepare(subject, renderer, store, &own, &mut meter)?;
 
     let mut points: Vec<Point> = Vec::new();
+    let mut pulse = None;
     for candidate in own.into_iter().chain(others) {
         let work = meter.cost(&candidate);
         let point = match bench.store.read(&candidate.name) {
-            Some(point) => point,
+            Some(point) => {
+                pulse = None;
+                meter.skip(work);
+                point
+            }
             None => {
-                let target = points.first().map_or(0.0, |p| p.frame_ms);
+                let before = pulse.map_or_else(|| bench.pulse(renderer), Ok)?;
+                let target = points.first().map_or(0.0, |p| p.frame_ms * before / p.pulse_ms);
                 let candidate = bench.priced(renderer, candidate, target)?;
-                let point = bench.measure(renderer, &candidate)?;
+                let mut point = match (candidate.config(), candidate.axis) {
+                    (Some(config), WALK) => bench.measure(&mut (subject.open)(config)?, &candidate)?,
+                    _ => bench.measure(renderer, &candidate)?,
+                };
+                let after = bench.pulse(renderer)?;
+                point.pulse_ms = (before + after) / 2.0;
+                pulse = Some(after);
                 bench.store.write(&candidate.name, &point)?;
+                meter.add(work);
                 point
             }
         };
         points.push(point);
-        meter.add(work);
     }
-    let mut report = bench.report(points);
+    let mut report = bench.report(points)?;
+    report.steady();
     report.mark_front();
     report.find_errors();
     let pictures = |name: &str| {
@@ -98,7 +130,7 @@ pub fn sweep(
         ])
     };
     let reference = bench.references.first_mut().map(|(_, _, pair)| &pair[0].display);
-    let reference = reference.map(|display| jpeg(&split(display, &bench.places[0].eyes[0])[0]));
+    let reference = reference.map(|display| jpeg(&split(display, bench.places[0].at(0))[0]));
     report.write(out, &pictures, reference)?;
     Ok(report)
 }
@@ -139,7 +171,7 @@ fn prepare<'a>(
         .iter()
         .map(|pair| {
             let eyes = pair.map(|head| (subject.views)(head));
-            let matches = match eyes[0].as_slice() {
+            let matches = match eyes[1].as_slice() {
                 [left, right] => matched(renderer, &[*left, *right], subject.config)?,
                 _ => Vec::new(),
             };
@@ -148,12 +180,12 @@ fn prepare<'a>(
         .collect::<Result<_>>()?;
     let viewing = Viewing {
         exposure: subject.config.view.exposure as f32,
-        pixels_per_degree: pixels_per_degree(&places[0].eyes[0][0]),
+        pixels_per_degree: pixels_per_degree(&places[0].at(0)[0]),
     };
     let given = subject.config.trace.bounces;
     let mut wanted: Vec<(u32, usize)> = (0..places.len()).map(|pose| (given, pose)).collect();
     for candidate in own {
-        if let Means::Own(config) = &candidate.means
+        if let Some(config) = candidate.config()
             && wanted.iter().all(|(bounces, _)| *bounces != config.trace.bounces)
         {
             wanted.push((config.trace.bounces, 0));
@@ -169,10 +201,11 @@ fn prepare<'a>(
             viewing,
         };
         let mut step = |step: usize| -> Result<Reference> {
-            let plan = plan(&places[pose].eyes[step], Stereo::PerEye)?;
+            let plan = plan(places[pose].at(step), Stereo::PerEye)?;
             let name = format!("reference {pose} {step} bounces {bounces}");
             let work = meter.pass;
-            obtain(renderer, &plan, &making, &store, &name, &mut || meter.add(work))
+            let mut tick = |made: bool| if made { meter.add(work) } else { meter.skip(work) };
+            obtain(renderer, &plan, &making, &store, &name, &mut tick)
         };
         references.push((bounces, pose, [step(0)?, step(1)?]));
     }
@@ -188,18 +221,33 @@ fn pixels_per_degree(view: &View) -> f64 {
 /// Milliseconds that repetitions of one point may take together, with at least two of them.
 const REPETITIONS_MS: f64 = 20_000.0;
 
+/// Frames of the given settings that are timed between points.
+const PULSES: u32 = 2;
+
 impl Bench<'_> {
+    /// What a frame of the given settings takes now: how fast the machine is at the moment.
+    fn pulse(&self, renderer: &mut Renderer) -> Result<f64> {
+        let means = Means::Own(Box::new(self.subject.config.clone()));
+        let sight = self.places[0].sight(0, self.subject.effort.gazes()[0]);
+        let mut times = Vec::new();
+        for seed in 0..=PULSES {
+            let report = shoot(renderer, self.subject.config, &means, sight, seed)?.report;
+            times.push(report.frame_ms - report.pattern_ms);
+        }
+        // The first frame after other settings has cold caches, and may have had shaders built.
+        Ok(median(&times[1..]).unwrap_or(0.0).max(1e-3))
+    }
+
     /// A rival that is to cost as much as the given settings, changed until it nearly does.
     fn priced(&self, renderer: &mut Renderer, mut candidate: Candidate, target_ms: f64) -> Result<Candidate> {
         if !candidate.name.ends_with(AT_EQUAL_COST) || target_ms <= 0.0 {
             return Ok(candidate);
         }
-        let eyes = &self.places[0].eyes[0];
-        let gaze = DVec2::from_array(self.subject.effort.gazes()[0]);
+        let sight = self.places[0].sight(0, self.subject.effort.gazes()[0]);
         for _ in 0..3 {
             let mut times = Vec::new();
             for seed in 0..3 {
-                let shot = shoot(renderer, self.subject.config, &candidate.means, eyes, gaze, seed)?;
+                let shot = shoot(renderer, self.subject.config, &candidate.means, sight, seed)?;
                 times.push(shot.report.frame_ms - shot.report.pattern_ms);
             }
             let factor = target_ms / median(&times).unwrap_or(target_ms).max(1e-3);
@@ -213,53 +261,43 @@ impl Bench<'_> {
 
     /// Renders, judges and times a candidate.
     fn measure(&self, renderer: &mut Renderer, candidate: &Candidate) -> Result<Point> {
-        let bounces = match &candidate.means {
-            Means::Own(config) => config.trace.bounces,
-            _ => self.subject.config.trace.bounces,
-        };
+        let bounces = candidate.config().unwrap_or(self.subject.config).trace.bounces;
         let mut reports: Vec<FrameReport> = Vec::new();
         let mut scores = Vec::new();
         let mut last = None;
         for (_, pose, references) in self.references.iter().filter(|(of, ..)| *of == bounces) {
             let place = &self.places[*pose];
-            for gaze in self.subject.effort.gazes() {
-                let gaze = DVec2::from_array(*gaze);
+            for &gaze in self.subject.effort.gazes() {
                 let mut pictures = Vec::new();
-                for (step, eyes) in place.eyes.iter().enumerate() {
+                for step in 0..2 {
                     let seed = 2 * scores.len() as u32 + step as u32 + 1;
-                    let shot = shoot(renderer, self.subject.config, &candidate.means, eyes, gaze, seed)?;
+                    let sight = place.sight(step, gaze);
+                    let shot = shoot(renderer, self.subject.config, &candidate.means, sight, seed)?;
                     reports.push(shot.report);
                     pictures.push(shot.picture);
                 }
                 let judge = Judge {
-                    eyes: &place.eyes[0],
-                    gazes: &plan(&place.eyes[0], Stereo::PerEye)?.gaze_points(gaze),
+                    eyes: place.at(0),
+                    gazes: &plan(place.at(0), Stereo::PerEye)?.gaze_points(DVec2::from_array(gaze)),
                     references: [&references[0], &references[1]],
                     matches: &place.matches,
                     viewing: self.viewing,
                 };
                 let found = judge.judge([&pictures[0], &pictures[1]])?;
                 if scores.is_empty() {
-                    self.keep_pictures(&candidate.name, &pictures[0], references, &place.eyes[0])?;
+                    self.keep_pictures(&candidate.name, &pictures[0], references, place.at(0))?;
                 }
                 scores.push(found);
-                last = Some((place, gaze));
+                last = Some(place.sight(1, gaze));
             }
         }
-        if let Some((place, gaze)) = last {
+        if let Some(sight) = last {
             let mut spent = 0.0;
             for seed in 0..self.subject.effort.repetitions() {
                 if seed >= 2 && spent > REPETITIONS_MS {
                     break;
                 }
-                let shot = shoot(
-                    renderer,
-                    self.subject.config,
-                    &candidate.means,
-                    &place.eyes[1],
-                    gaze,
-                    1000 + seed,
-                )?;
+                let shot = shoot(renderer, self.subject.config, &candidate.means, sight, 1000 + seed)?;
                 spent += shot.report.frame_ms;
                 reports.push(shot.report);
             }
@@ -276,16 +314,17 @@ impl Bench<'_> {
         let at = |p| percentile(&settled, p).unwrap_or(0.0);
         let found = Scores::mean(scores);
         let frame_ms = at(50.0);
-        let eye = &self.places[0].eyes[0];
+        let eye = self.places[0].at(0);
         let (config, operating) = match &candidate.means {
             Means::Own(config) => {
                 let pixels = eye[0].pixels();
                 let point = OperatingPoint::of(config, pixels, frame_ms.max(1e-3), found.foveated_score);
-                let competes = candidate.axis != super::candidate::RIVAL
-                    && config.view.stereo == self.subject.config.view.stereo
-                    && config.trace.edge_rays == self.subject.config.trace.edge_rays;
-                (effective(config), competes.then_some(point))
+                // What frames cannot move to from one to the next is not on the front.
+                let competes = ![RIVAL, WALK].contains(&candidate.axis)
+                    && config.view.stereo == self.subject.config.view.stereo;
+                (effective(config, None), competes.then_some(point))
             }
+            Means::Late { config, corrected } => (effective(config, Some(*corrected)), None),
             Means::Zones { rays } => (serde_json::json!({ "zones": { "rays": rays } }), None),
             Means::Inset { scale } => (serde_json::json!({ "inset": { "scale": scale } }), None),
             Means::Coarse { scale } => (serde_json::json!({ "resolution": { "scale": scale } }), None),
@@ -299,6 +338,7 @@ impl Bench<'_> {
             frame_ms_p10: at(10.0),
             frame_ms_p90: at(90.0),
             frames: settled.len(),
+            pulse_ms: 0.0,
             pattern_ms: median(&patterns).unwrap_or(0.0),
             samples: first.samples,
             rays: first.rays,
@@ -334,8 +374,33 @@ impl Bench<'_> {
         self.store.write_bytes(&format!("{name} error"), "jpg", &jpeg(&heat))
     }
 
-    fn report(&self, points: Vec<Point>) -> Report {
-        let eyes = &self.places[0].eyes[0];
+    /// Judges the references with fewer bounces of light against those with the most.
+    fn light_left_out(&self) -> Result<Vec<LeftOut>> {
+        let at_first = || self.references.iter().filter(|(_, pose, _)| *pose == 0);
+        let Some((most, _, truth)) = at_first().max_by_key(|(bounces, ..)| *bounces) else {
+            return Ok(Vec::new());
+        };
+        let place = &self.places[0];
+        let gaze = DVec2::from_array(self.subject.effort.gazes()[0]);
+        let judge = Judge {
+            eyes: place.at(0),
+            gazes: &plan(place.at(0), Stereo::PerEye)?.gaze_points(gaze),
+            references: [&truth[0], &truth[1]],
+            matches: &place.matches,
+            viewing: self.viewing,
+        };
+        let mut list = Vec::new();
+        for (bounces, _, pair) in at_first().filter(|(bounces, ..)| bounces < most) {
+            let found = judge.judge([&pair[0].picture, &pair[1].picture])?;
+            let Scores { psnr, relmse, flip, foveated_score, .. } = found;
+            list.push(LeftOut { bounces: *bounces, of: *most, psnr, relmse, flip, foveated_score });
+        }
+        list.sort_by_key(|left_out| left_out.bounces);
+        Ok(list)
+    }
+
+    fn report(&self, points: Vec<Point>) -> Result<Report> {
+        let eyes = self.places[0].at(0);
         let worst = self
             .references
             .iter()
@@ -343,7 +408,7 @@ impl Bench<'_> {
             .map(|reference| reference.error)
             .min_by(|a, b| a.psnr.total_cmp(&b.psnr))
             .expect("there is a reference for the given settings");
-        Report {
+        Ok(Report {
             scene: self.subject.scene.clone(),
             triangles: self.subject.loaded.scene.mesh.triangles.len(),
             device: self.subject.device.clone(),
@@ -352,19 +417,24 @@ impl Bench<'_> {
             places: [self.places.len(), self.subject.effort.gazes().len(), 2],
             effort: self.subject.effort,
             reference_error: worst,
+            light_left_out: self.light_left_out()?,
             points,
-        }
+        })
     }
 }
 
 /// What decides about a frame, without what is the same for all points.
-fn effective(config: &Config) -> serde_json::Value {
-    serde_json::json!({
+fn effective(config: &Config, late_correction: Option<bool>) -> serde_json::Value {
+    let mut value = serde_json::json!({
         "foveation": config.foveation,
         "trace": config.trace,
         "reconstruction": config.reconstruction,
         "stereo": config.view.stereo,
-    })
+    });
+    if let Some(late_correction) = late_correction {
+        value["headset"] = serde_json::json!({ "late_correction": late_correction });
+    }
+    value
 }
 
 /// Black over violet and orange to pale yellow, brighter with every step: near Matplotlib's "inferno".
@@ -404,7 +474,7 @@ struct Meter<'a> {
 
 impl<'a> Meter<'a> {
     fn new(subject: &Subject<'_>, own: &[Candidate], others: &[Candidate], progress: Progress<'a>) -> Self {
-        let eyes = (subject.views)(subject.heads[0][0]);
+        let eyes = (subject.views)(subject.heads[0][1]);
         let pixels: usize = eyes.iter().map(View::pixels).sum();
         let effort = subject.effort;
         let shots = (subject.heads.len() * effort.gazes().len() * 2) as u32 + effort.repetitions();
@@ -417,7 +487,8 @@ impl<'a> Meter<'a> {
             shots: f64::from(shots),
             rays: subject.config.trace.rays,
         };
-        let mut bounces: Vec<u32> = own.iter().filter_map(Candidate::bounces).collect();
+        let mut bounces: Vec<u32> =
+            own.iter().filter_map(Candidate::config).map(|c| c.trace.bounces).collect();
         bounces.sort_unstable();
         bounces.dedup();
         let references = 2 * (subject.heads.len() + bounces.len() - 1) as u64;
@@ -429,7 +500,7 @@ impl<'a> Meter<'a> {
     /// What a candidate is expected to cost.
     fn cost(&self, candidate: &Candidate) -> u64 {
         let rays = match &candidate.means {
-            Means::Own(config) => {
+            Means::Own(config) | Means::Late { config, .. } => {
                 let samples = config.foveation.samples.of(self.pixels as usize) as f64;
                 samples * f64::from(config.trace.rays * (1 + config.trace.bounces)) + 4.0 * self.pixels
             }
@@ -444,13 +515,9 @@ impl<'a> Meter<'a> {
         self.done += work;
         (self.progress)(self.done.min(self.total), self.total);
     }
-}
 
-impl Candidate {
-    fn bounces(&self) -> Option<u32> {
-        match &self.means {
-            Means::Own(config) => Some(config.trace.bounces),
-            _ => None,
-        }
+    /// Leaves out what an earlier run has done: it takes no time.
+    fn skip(&mut self, work: u64) {
+        self.total = self.total.saturating_sub(work);
     }
 }

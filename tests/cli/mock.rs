@@ -160,21 +160,44 @@ fn the_demo_writes_all_its_files_and_tells_what_it_did() {
 #[test]
 fn a_frame_time_is_held_along_the_front_and_the_log_tells_how() {
     let folder = folder();
+    let mock =
+        |flags: &str| foveate(folder.path(), &format!("{MOCK} --frames 12 --gaze 0.5,0.5 --out f {flags}"));
     let run = |flags: &str| {
-        let flags = format!("{MOCK} --frames 12 --gaze 0.5,0.5 --out f {flags}");
-        foveate(folder.path(), &flags).succeeds();
+        mock(flags).succeeds();
         frames(&folder.path().join("f"))
     };
     assert!(run("").iter().all(|line| line["budget"].is_null()), "nothing is held unless it is asked for");
     // No machine makes a frame in 0.1 ms, and every machine makes such small ones within a minute.
-    let (hurried, patient) = (run("--target-ms 0.1"), run("--target-ms 60000"));
+    let out_of_reach = mock("--target-ms 0.1");
+    assert_eq!((out_of_reach.code, out_of_reach.err.lines().count()), (Some(0), 1), "{out_of_reach:?}");
+    assert!(out_of_reach.err.contains("the target of 0.1 ms is out of reach"), "{out_of_reach:?}");
+    let hurried = frames(&folder.path().join("f"));
+    let patient = run("--target-ms 60000");
+    let missed = |lines: &[Value]| lines.iter().filter(|l| l["budget"]["time_out_of_reach"] == true).count();
+    assert_eq!((missed(&patient), hurried[11]["budget"]["time_out_of_reach"].as_bool()), (0, Some(true)));
+    assert!((1..12).contains(&missed(&hurried)), "known after a few frames: {}", missed(&hurried));
+    let told = mock("--target-ms 0.1 --json");
+    assert_eq!(told.code, Some(0), "{told:?}");
+    let budget = &told.json()["budget"];
+    assert_eq!([&budget["time_out_of_reach"], &budget["frames_over"]], [&json!(true), &json!(12)]);
     let last = |lines: &[Value], key: &str| lines[11]["budget"][key].as_f64().unwrap();
     assert_eq!((last(&hurried, "position"), last(&patient, "position")), (0.0, 1.0));
     assert_eq!(last(&hurried, "target_ms"), 0.1);
     assert!(hurried[11]["rays"].as_u64() < patient[11]["rays"].as_u64());
     assert!(last(&hurried, "score") < last(&patient, "score"));
-    let display = run("--target-ms display --headset dk1");
+    assert_eq!(mock("--target-ms display --headset dk1").code, Some(0));
+    let display = frames(&folder.path().join("f"));
     assert!((last(&display, "target_ms") - 15.0).abs() < 1e-9, "{}", last(&display, "target_ms"));
+    // A score that no point has is told at once, and the best is done.
+    let unreached = mock("--target-ms none --target-score 9.99");
+    assert!(unreached.err.contains("the target score of 9.99 is out of reach"), "{unreached:?}");
+    let lines = frames(&folder.path().join("f"));
+    assert!(
+        lines.iter().all(|l| l["budget"]["score_out_of_reach"] == true && l["budget"]["position"] == 1.0)
+    );
+    // Settings that are not on the front are not silently others.
+    let foreign = mock("--target-ms 60000 --bounces 2");
+    assert!(foreign.err.contains("the front has no points with these settings"), "{foreign:?}");
     let scored = run("--target-ms none --target-score 0.1 --preset accurate");
     assert_eq!((last(&scored, "position"), &scored[11]["budget"]["target_ms"]), (0.0, &Value::Null));
     let run = foveate(folder.path(), &format!("{MOCK} --out f --target-ms 0"));

@@ -244,6 +244,7 @@ impl Presentation<'_> {
         // Drivers finish building kernels at their first launch: that frame says nothing of the view.
         if let Some(controller) = run.controller.as_mut().filter(|_| run.stats.frames > 0) {
             controller.observe(report.frame_ms, report.pattern_ms);
+            output::print_warnings(&controller.take_notes());
         }
         if self.config.view.stereo == Stereo::Mono {
             let first = shown[0];
