@@ -8,9 +8,10 @@ use foveate::headset::rift_dk1::clock::{DeviceClock, HostClock};
 use foveate::headset::rift_dk1::fusion::{Fusion, Keepsake, MagneticCalibration};
 use foveate::headset::rift_dk1::recording::Reader;
 use foveate::headset::rift_dk1::report::{
-    Calibration, Configuration, DisplayInfo, IN_REPORT_BYTES, KeepAlive, Range, SensorReport, SerialNumber,
+    Calibration, Configuration, DisplayInfo, IN_REPORT_BYTES, KeepAlive, Range, RawSample, SensorReport,
+    SerialNumber,
 };
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -43,6 +44,31 @@ fn assert_sound(fusion: &Fusion, ahead: f64) {
     assert!(fusion.angular_velocity().is_finite());
     let (tilt, yaw) = fusion.doubt();
     assert!(tilt.is_finite() && yaw.is_finite(), "{tilt} {yaw}");
+}
+
+#[test]
+fn a_head_that_turns_by_2000_degrees_a_second_is_followed() {
+    let mut fusion = Fusion::new();
+    let mut time = 0u16;
+    for rate in [0.0, 2000f64.to_radians()] {
+        for _ in 0..1000 {
+            let sample = RawSample { accel: [0, 98_066, 0], gyro: [0, (rate * 1e4) as i32, 0] };
+            fusion.update(
+                &SensorReport {
+                    sample_count: 1,
+                    timestamp: time,
+                    samples: [sample; 3],
+                    ..Default::default()
+                },
+                None,
+            );
+            time += 1;
+        }
+    }
+    assert_sound(&fusion, 1e6);
+    // Five turns and 200 degrees.
+    let off = fusion.orientation().angle_between(DQuat::from_rotation_y(200f64.to_radians())).to_degrees();
+    assert!(off < 5.0, "{off}");
 }
 
 proptest! {

@@ -154,6 +154,55 @@ fn smooth_edges_are_worth_more_than_samples() {
 }
 
 /// Eyes whose fields of view overlap by three quarters, before a town so large that they see the same.
+/// Fields of view, sizes, gazes and poses at the ends of what is possible: no sample is dropped, and every pixel is
+/// a number.
+#[test]
+fn extreme_views_give_sound_pictures() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let rest = view(&loaded);
+    let Pose { rotation, position } = rest.world_from_eye;
+    let wide = |degrees: f64| View { fov: FieldOfView::symmetric(degrees.to_radians(), 1.6), ..rest };
+    let at = |rotation: DQuat, position: DVec3| View { world_from_eye: Pose { rotation, position }, ..rest };
+    let (middle, outside) = (DVec2::splat(0.5), DVec2::new(-40.0, 900.0));
+    let cases = [
+        ("1 degree", wide(1.0), middle),
+        ("175 degrees", wide(175.0), middle),
+        ("175 degrees, gaze far outside", wide(175.0), outside),
+        ("one pixel", View { width: 1, height: 1, ..rest }, middle),
+        ("one pixel, gaze far outside", View { width: 1, height: 1, ..rest }, outside),
+        ("one row", View { height: 1, ..rest }, middle),
+        ("gaze far outside", rest, outside),
+        ("1e7 m away", at(rotation, position + DVec3::new(1e7, 2e6, -1e7)), middle),
+        ("1e30 m away", at(rotation, DVec3::splat(1e30)), middle),
+        ("not quite a unit quaternion", at(rotation * 1.0001, position), middle),
+    ];
+    for method in [Method::Guided, Method::KNearest] {
+        let mut renderer = renderer(&machine, &loaded, &config(method, Samples::Count(400), 8));
+        let ordinary = picture(&mut renderer, &Plan::mono(rest), &[middle]);
+        for (name, view, gaze) in &cases {
+            let picture = picture(&mut renderer, &Plan::mono(*view), &[*gaze]);
+            assert_eq!(picture.not_finite(), 0, "{method:?}, {name}");
+            let light: f64 = picture.pixels.iter().flatten().map(|value| f64::from(*value)).sum();
+            assert!(name.contains("away") || light > 0.0, "{method:?}, {name}");
+            assert!(picture.pixels.iter().flatten().all(|v| *v >= 0.0), "{method:?}, {name}");
+            if name.contains("quaternion") {
+                assert!(psnr(&picture, &ordinary) > 30.0, "{method:?}: {}", psnr(&picture, &ordinary));
+            }
+        }
+        // A head that turns by 2000 degrees a second, one frame late.
+        let turned = rest
+            .world_from_eye
+            .then(Pose::new(DQuat::from_rotation_y(2000f64.to_radians() / 60.0), DVec3::ZERO));
+        let (late, _) = shown(&mut renderer, &machine.1, rest, None, Some(turned));
+        assert_eq!(late.not_finite(), 0);
+        // And one that was somewhere else altogether.
+        let far = Pose { position: DVec3::splat(1e7), ..turned };
+        assert_eq!(shown(&mut renderer, &machine.1, rest, None, Some(far)).0.not_finite(), 0);
+    }
+    assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
+}
+
 fn eyes(loaded: &Loaded) -> [View; 2] {
     let fov = FieldOfView { left: -0.5, right: 0.3, up: 0.5, down: -0.5 };
     let [left, right] = parallel_eyes(lookout(loaded), 0.064, fov, 80, HEIGHT);

@@ -4,7 +4,7 @@ mod common;
 
 use std::f32::consts::FRAC_PI_2;
 
-use common::builder::{Builder, FLOAT, I8, I16, U8, glb, split_glb};
+use common::builder::{Builder, FLOAT, I8, I16, U8, U16, glb, split_glb};
 use foveate::scene::{AlphaMode, LightKind, Scene};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use serde_json::{Value, json};
@@ -603,6 +603,51 @@ fn triangles_that_are_not_finite_or_have_no_area_are_counted_and_left_out() {
         "{:?}",
         scene.warnings
     );
+}
+
+/// What cannot be traced is left out by one rule, counted, told once, and counted in `scene info --json`.
+#[test]
+fn degenerate_input_is_counted_and_told_once() {
+    let mut builder = Builder::new();
+    let positions = builder.floats(&TRIANGLE);
+    let broken = builder.floats(&[[0.0, 0.0, 0.0], [f32::NAN, 0.0, 0.0], [0.0, f32::NEG_INFINITY, 0.0]]);
+    let (triangle, none) = (builder.shorts(&[0, 1, 2]), builder.accessor(&[], U16, "SCALAR", 0));
+    let primitive = |positions: usize, indices: usize| json!({ "attributes": { "POSITION": positions }, "indices": indices });
+    builder.place(primitive(positions, triangle), json!({ "translation": [5, 0, 0] }));
+    // Beside it one point in single precision, twice.
+    for x in [5.0, 7.0] {
+        builder.place(
+            primitive(positions, triangle),
+            json!({ "scale": [1e-12, 1e-12, 1e-12], "translation": [x, 0, 0] }),
+        );
+    }
+    builder.place(primitive(broken, triangle), json!({}));
+    builder.place(primitive(positions, triangle), json!({ "scale": [1, 0, 0] }));
+    builder.place(primitive(positions, triangle), json!({ "matrix": vec![0; 16] }));
+    builder.place(primitive(positions, none), json!({}));
+    let scene = builder.load().unwrap();
+    assert_eq!((scene.mesh.triangles.len(), scene.instances), (1, 1));
+    let told: Vec<&str> = scene.warnings.iter().map(String::as_str).collect();
+    assert_eq!(
+        told,
+        [
+            "primitives without triangles were left out: 1",
+            "triangles were left out: 4 without area, 1 with coordinates that are not finite",
+        ]
+    );
+    let info = foveate::scene::info::summarise(&scene, &foveate::scene::Environment::constant(Vec3::ONE));
+    let left_out = serde_json::to_value(&info).unwrap()["left_out"].clone();
+    assert_eq!(left_out, json!({ "not_finite": 1, "no_area": 4, "empty_primitives": 1 }));
+}
+
+/// Alone an instance of scale 1e-12 is the scene, and is kept.
+#[test]
+fn a_tiny_scene_is_a_scene() {
+    let scene =
+        one_triangle(json!({ "scale": [1e-12, 1e-12, 1e-12], "translation": [1e7, 0, 0] })).load().unwrap();
+    assert_eq!((scene.mesh.triangles.len(), scene.warnings.len()), (1, 0));
+    let (low, high) = scene.mesh.bounds().unwrap();
+    assert!(((high - low).x - 1e-12).abs() < 1e-15, "{low} {high}");
 }
 
 #[test]

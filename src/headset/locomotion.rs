@@ -53,7 +53,7 @@ impl Walker {
     /// Goes and turns for `seconds`; `head` is in the tracked space. Turns are about the head, so that
     /// the wearer stays where they are; going follows where the head looks, on the level.
     pub fn step(&mut self, hands: &Hands, head: &Pose, manner: &Manner, seconds: f64) {
-        let seconds = seconds.clamp(0.0, LONGEST_STEP);
+        let seconds = if seconds.is_finite() { seconds.clamp(0.0, LONGEST_STEP) } else { 0.0 };
         self.turn_about(
             self.world_from_space.transform_point(head.position),
             self.angle(hands, manner, seconds),
@@ -153,6 +153,21 @@ mod tests {
         }
         let turned = walker.world_from_space.rotation;
         assert!(turned.angle_between(DQuat::from_rotation_y(-0.1)) < 1e-7);
+    }
+
+    #[test]
+    fn steps_of_any_length_keep_the_wearer_near() {
+        let hands = Hands { go: DVec2::Y, turn: 1.0, ..Hands::default() };
+        let manner = Manner { smooth_turn: true, ..SNAP };
+        for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let mut walker = Walker::new(Pose::IDENTITY);
+            walker.step(&hands, &head(), &manner, seconds);
+            assert_eq!(walker.world_from_space, Pose::IDENTITY, "{seconds}");
+        }
+        let mut walker = Walker::new(Pose::IDENTITY);
+        walker.step(&hands, &head(), &manner, 1e6);
+        assert!((walker.world_from_space.position.length() - SNAP.speed * LONGEST_STEP).abs() < 0.1);
+        assert!(walker.world_from_space.rotation.is_normalized());
     }
 
     #[test]

@@ -103,6 +103,17 @@ mod tests {
     }
 
     #[test]
+    fn steps_of_any_length_go_a_tenth_of_a_second_at_most() {
+        let wish = Wish { go: DVec3::NEG_Z, mouse: [1e9, -1e9], hurry: true };
+        for (seconds, expected) in [(0.0, 0.0), (f64::NAN, 0.0), (1e6, SPEED * HURRY * LONGEST_STEP)] {
+            let mut walker = Walker::new(Pose::IDENTITY);
+            walker.step(&wish, seconds, DQuat::IDENTITY);
+            assert!((walker.position().length() - expected).abs() < 1e-9, "{seconds}");
+            assert!(walker.orientation().is_normalized());
+        }
+    }
+
+    #[test]
     fn the_mouse_turns_it_right_and_down_and_never_over() {
         let mut walker = Walker::new(Pose::IDENTITY);
         let look = |mouse| Wish { mouse, ..Wish::default() };

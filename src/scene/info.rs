@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Environment, Features, LightKind, Scene};
+use super::{Environment, Features, LeftOut, LightKind, Scene};
 
 /// A summary of a scene under an environment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -27,6 +27,8 @@ pub struct SceneInfo {
     pub cameras: Vec<CameraInfo>,
     /// The file's lights, by kind.
     pub lights: LightCounts,
+    /// Triangles that were left out.
+    pub left_out: LeftOut,
     /// What was left out or repaired.
     pub warnings: Vec<String>,
 }
@@ -89,6 +91,7 @@ pub fn summarise(scene: &Scene, environment: &Environment) -> SceneInfo {
         features: Features::required_by(scene, environment),
         cameras: cameras.collect(),
         lights,
+        left_out: scene.left_out,
         warnings: scene.warnings.clone(),
     }
 }

@@ -46,6 +46,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Mesh instances (primitives placed by nodes) that were flattened.
     pub instances: usize,
+    /// Triangles that were left out.
+    pub left_out: LeftOut,
     /// Sentences about what was left out or repaired, each said once.
     pub warnings: Vec<String>,
 }
@@ -60,6 +62,17 @@ impl Scene {
     pub fn from_glb(name: &Path, bytes: &[u8]) -> Result<Self> {
         gltf::load_glb(name, bytes)
     }
+}
+
+/// Numbers of triangles that a file has and its scene has not, of all instances, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct LeftOut {
+    /// Some corner is not finite, or lies beyond single precision relative to the anchor.
+    pub not_finite: usize,
+    /// The corners lie on a line, or are one point in single precision relative to the anchor.
+    pub no_area: usize,
+    /// Not triangles, but primitives that were to be placed and have none.
+    pub empty_primitives: usize,
 }
 
 /// Triangles as separate arrays. Per-vertex arrays other than `positions` and `normals` are either

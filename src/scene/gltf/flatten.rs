@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::shape::Shape;
 use super::surface::Surface;
-use super::vectors::{Dropped, transform_normal, transform_tangent, unit_normals, usable_tangent};
-use crate::scene::Mesh;
+use super::vectors::{transform_normal, transform_tangent, unit_normals, usable_tangent};
+use crate::scene::{LeftOut, Mesh};
 
 /// The centre of the world bounds of all instances; the origin when there is nothing.
 pub fn anchor(shapes: &[Shape]) -> DVec3 {
@@ -33,7 +33,7 @@ struct Placed<'a> {
     normals: Vec<Vec3>,
     tangents: Vec<Vec4>,
     triangles: Vec<[u32; 3]>,
-    dropped: Dropped,
+    dropped: LeftOut,
 }
 
 impl<'a> Placed<'a> {
@@ -52,7 +52,7 @@ impl<'a> Placed<'a> {
             // Mirroring turns the winding (glTF 2.0, 3.7.4).
             triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
         }
-        let mut dropped = Dropped::default();
+        let mut dropped = LeftOut::default();
         dropped.filter(&mut triangles, &positions);
         let normals: Vec<Vec3> = shape.normals.iter().map(|&n| transform_normal(&linear, n)).collect();
         let normals = unit_normals(&normals, &positions, &triangles);
@@ -68,7 +68,7 @@ impl<'a> Placed<'a> {
 ///
 /// Returns the mesh, the number of instances in it, and the triangles that
 /// have no area or are not finite in single precision relative to the anchor.
-pub fn flatten(surfaces: &[Surface], materials: &[u32], anchor: DVec3) -> (Mesh, usize, Dropped) {
+pub fn flatten(surfaces: &[Surface], materials: &[u32], anchor: DVec3) -> (Mesh, usize, LeftOut) {
     let instances: Vec<(&Surface, u32, &DMat4)> = surfaces
         .iter()
         .zip(materials)
@@ -80,7 +80,7 @@ pub fn flatten(surfaces: &[Surface], materials: &[u32], anchor: DVec3) -> (Mesh,
         .par_iter()
         .map(|(surface, material, world)| Placed::new(surface, *material, world, anchor))
         .collect();
-    let mut dropped = Dropped::default();
+    let mut dropped = LeftOut::default();
     placed.iter().for_each(|instance| dropped.add(instance.dropped, 1));
     let placed: Vec<Placed<'_>> =
         placed.into_iter().filter(|instance| !instance.triangles.is_empty()).collect();

@@ -44,8 +44,7 @@ use self::placements::{Placement, placements};
 use self::shape::Shape;
 use self::source::Folder;
 use self::surface::Surface;
-use self::vectors::Dropped;
-use super::{Scene, Texture};
+use super::{LeftOut, Scene, Texture};
 use crate::{Error, Result};
 
 /// What went right, or a clause about what is wrong with the file and the next step.
@@ -95,9 +94,11 @@ fn read(bytes: &[u8], binary: bool, folder: &Folder) -> Outcome<Scene> {
         || shapes(document, buffers, &nodes, placements, &drafts),
     );
     let (images, mut shapes) = (images?, shapes?);
-    let mut dropped = Dropped::default();
+    let mut dropped = LeftOut::default();
     shapes.retain(|shape| {
-        dropped.add(shape.dropped, shape.transforms.len());
+        let nothing = shape.triangles.is_empty() && shape.dropped == LeftOut::default();
+        let left_out = LeftOut { empty_primitives: usize::from(nothing), ..shape.dropped };
+        dropped.add(left_out, shape.transforms.len());
         !shape.triangles.is_empty()
     });
 
@@ -128,7 +129,10 @@ fn read(bytes: &[u8], binary: bool, folder: &Folder) -> Outcome<Scene> {
     if lacking > 0 {
         warnings.push(format!("{lacking} primitives lack the texture coordinates that their materials read, which are taken as zero"));
     }
-    if dropped != Dropped::default() {
+    if dropped.empty_primitives > 0 {
+        warnings.push(format!("primitives without triangles were left out: {}", dropped.empty_primitives));
+    }
+    if dropped.no_area + dropped.not_finite > 0 {
         warnings.push(format!(
             "triangles were left out: {} without area, {} with coordinates that are not finite",
             dropped.no_area, dropped.not_finite
@@ -139,7 +143,7 @@ fn read(bytes: &[u8], binary: bool, folder: &Folder) -> Outcome<Scene> {
     let mut said = HashSet::new();
     warnings.retain(|warning| said.insert(warning.clone()));
     let materials = finished.into_values().map(|finished| finished.material).collect();
-    Ok(Scene { anchor, mesh, materials, textures, lights, cameras, instances, warnings })
+    Ok(Scene { anchor, mesh, materials, textures, lights, cameras, instances, left_out: dropped, warnings })
 }
 
 fn drafts(

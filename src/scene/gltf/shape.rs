@@ -9,7 +9,8 @@ use super::nodes::Nodes;
 use super::placements::Placement;
 use super::reader::{QUANTIZED, Reader, gather};
 use super::skin::Skin;
-use super::vectors::{Dropped, cross, transform_normal, transform_tangent, unit_normals};
+use super::vectors::{cross, transform_normal, transform_tangent, unit_normals};
+use crate::scene::LeftOut;
 
 /// A primitive in the frame of the nodes that place it.
 pub struct Shape {
@@ -34,7 +35,7 @@ pub struct Shape {
     /// `world_from_shape` of each instance.
     pub transforms: Vec<DMat4>,
     /// Triangles that were left out.
-    pub dropped: Dropped,
+    pub dropped: LeftOut,
 }
 
 impl Shape {
@@ -61,7 +62,7 @@ impl Shape {
             colors: None,
             triangles,
             transforms: placement.transforms,
-            dropped: Dropped::default(),
+            dropped: LeftOut::default(),
         };
         shape.read_vectors(&reader, primitive, &placement.weights, wants_tangents)?;
         if let Some(skin) = placement.skin {

@@ -4,16 +4,9 @@ use std::collections::HashMap;
 
 use glam::{DMat3, DVec3, Vec3, Vec4};
 
-/// Numbers of triangles that were left out, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Dropped {
-    /// Some corner is not finite.
-    pub not_finite: usize,
-    /// The corners lie on a line.
-    pub no_area: usize,
-}
+use crate::scene::LeftOut;
 
-impl Dropped {
+impl LeftOut {
     /// Keeps the triangles that have an area, and counts the others.
     pub fn filter(&mut self, triangles: &mut Vec<[u32; 3]>, positions: &[Vec3]) {
         triangles.retain(|triangle| {
@@ -29,9 +22,10 @@ impl Dropped {
     }
 
     /// Adds `times` another count.
-    pub fn add(&mut self, other: Dropped, times: usize) {
+    pub fn add(&mut self, other: LeftOut, times: usize) {
         self.not_finite += other.not_finite * times;
         self.no_area += other.no_area * times;
+        self.empty_primitives += other.empty_primitives * times;
     }
 }
 
