@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long test-remote test-hid bench bench-fleet trade gpu-check-bundle lint install-udev
+.PHONY: help demo test test-long accuracy test-remote test-hid bench bench-fleet trade gpu-check-bundle lint install-udev
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -31,6 +31,11 @@ test-long: ## Run the checks that take too long for make test: 10^8 rays that mu
 	@$(need_cargo)
 	scripts/install-packages.sh test
 	scripts/run-long-tests.sh $(ARGS)
+
+accuracy: ## Measure each stage of the kernels against double precision, and what its repairs cost
+	@$(need_cargo)
+	scripts/install-packages.sh test
+	cargo test --test kernels -- --include-ignored --nocapture --test-threads=1 every_stage accuracy_
 
 test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
 	@$(need_cargo)

@@ -8,12 +8,6 @@
 #define PLANE_ERROR 4.8e-7f
 #define INNER 9u
 
-static float difference_of_two(float a, float b, float c, float d)
-{
-    float cd = c * d, rounding = fma(-c, d, cd);
-    return fma(a, b, -cd) + rounding;
-}
-
 // `cross` may fuse its operations, which would cost its antisymmetry.
 static float3 plain_cross(float3 a, float3 b)
 {
@@ -38,8 +32,7 @@ static bool meet_triangle(const Scene *scene, uint place, __global const float *
     float least = min(volumes.x, min(volumes.y, volumes.z)), most = max3(volumes);
     if (least < -margin && most > margin)
         return false;
-    float3 normal = (float3)(difference_of_two(f.y, g.z, f.z, g.y), difference_of_two(f.z, g.x, f.x, g.z),
-                             difference_of_two(f.x, g.y, f.y, g.x));
+    float3 normal = careful_cross(f, g);
     float distance = dot3(normal, a) / dot3(d, normal);
     if (!(least > margin || most < -margin)) {
         if (!settle_corners(a, b, c, d, &volumes))

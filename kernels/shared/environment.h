@@ -38,8 +38,11 @@ static float environment_density(const Scene *scene, const Shading *shading, flo
 // are 32-bit fractions.
 static float3 sample_environment(const Scene *scene, const Shading *shading, uint2 u)
 {
-    uint width = shading->environment_width, height = shading->environment_height;
-    uint chosen = mul_hi(u.x, width * height), rest = u.x * (width * height);
+    uint width = shading->environment_width, height = shading->environment_height, count = width * height;
+    // Of 32 bits a large table leaves few to decide with against thresholds; 8 more come from where the second
+    // number has them to spare.
+    ulong place = (ulong)u.x * count + mul_hi(u.y << 24, count);
+    uint chosen = (uint)(place >> 32), rest = (uint)place;
     Alias entry = scene->alias[chosen];
     // What is left of the first fraction, spread out again, places the direction inside the texel.
     float inside;

@@ -21,6 +21,20 @@ static bool some16(int16 lanes)
     return (bytes.x | bytes.y) != 0ul;
 }
 
+// a b - c d with an error of its own size, not of the products' (Kahan).
+static float difference_of_two(float a, float b, float c, float d)
+{
+    float cd = c * d, rounding = fma(-c, d, cd);
+    return fma(a, b, -cd) + rounding;
+}
+
+// A cross product that is as good for nearly parallel vectors as for others.
+static float3 careful_cross(float3 a, float3 b)
+{
+    return (float3)(difference_of_two(a.y, b.z, a.z, b.y), difference_of_two(a.z, b.x, a.x, b.z),
+                    difference_of_two(a.x, b.y, a.y, b.x));
+}
+
 static float max3(float3 v) { return max(v.x, max(v.y, v.z)); }
 
 // Luminance of linear Rec. 709.

@@ -21,6 +21,9 @@ typedef struct {
     uint3 index;          // of the vertices
     float3 corners[3];    // relative to the anchor
     float3 edges[3];      // twice a ray's edge volumes are its direction's products with these
+    float3 across;        // the edges' cross product: twice the area along the normal
+    uint steady;          // the corner opposite to the shortest edge
+    float2 inset;         // least weights of that corner, and of the two others
     float3 normals[3];    // of the vertices
     float3 geometric;     // unit, on the front
     float offset;         // how far rays start from it, metres
@@ -56,29 +59,47 @@ static Facet facet_of(const Scene *scene, uint place, float3 origin, float3 low)
     f.edges[2] = cross(v[1] - v[0], b + a);
     for (uint i = 0; i < 3u; ++i)
         f.normals[i] = unpack_normal(scene->normals[triangle->vertices[i]]);
-    float3 e1 = v[1] - v[0], e2 = v[2] - v[0], across = cross(e1, e2);
-    f.geometric = unit_or(across, unit_or(-a, (float3)(0.0f, 0.0f, 1.0f)));
+    float3 e1 = v[1] - v[0], e2 = v[2] - v[0], e3 = v[2] - v[1];
+    float l1 = dot3(e1, e1), l2 = dot3(e2, e2), l3 = dot3(e3, e3);
+    f.steady = l3 <= l1 && l3 <= l2 ? 0u : l2 <= l1 ? 1u : 2u;
+    // With the shortest edge: long ones are rounded by more than a sliver is high.
+    f.across = f.steady == 0u ? careful_cross(e1, e3) : f.steady == 1u ? careful_cross(e3, -e2) : careful_cross(-e2, e1);
+    f.geometric = unit_or(f.across, unit_or(-a, (float3)(0.0f, 0.0f, 1.0f)));
     // Rounding of the position and of the tracing of rays that leave it, both relative to coordinates and to
     // the triangle's size. Of each axis' part only what lies along the normal counts (as in pbrt, section 6.8.6):
     // rays leave a wide floor no higher than its height demands.
     float3 reach = max(max(fabs(v[0]), fabs(v[1])), fabs(v[2])) + max(fabs(e1), fabs(e2));
     f.offset = 1.5e-6f * dot3(fabs(f.geometric), reach);
+    // By its largest component: squares of small triangles' areas would vanish.
+    float area = max3(fabs(f.across)), margin = 5.0e-7f * max3(reach);
+    float2 lengths = sqrt((float2)(min(l1, min(l2, l3)), max(l1, max(l2, l3))));
+    f.inset = area > 0.0f ? min(lengths * (margin / area), 1.0f / 3.0f) : (float2)(1.0f / 3.0f);
 #if HAS_TEXTURES
-    float twice_area = length(across);
+    float twice_area = length(f.across);
     f.density[0] = uv_density(scene->uv0, f.index, twice_area);
     f.density[1] = uv_density(scene->uv1, f.index, twice_area);
 #endif
     return f;
 }
 
-// Barycentric weights of the hit that ray d has.
+// Barycentric weights of the hit that ray d has. On slivers the volumes of long edges are mostly rounding, and
+// so is their sum: the sum comes from the triangle's normal, and the weights of the shortest edge's ends, where
+// errors move the point least, take what the third leaves. A point on the very edge of two walls would lie in
+// the plane of the other, and see through it: all keep some roundings inside.
 static float3 hit_weights(const Facet *f, float3 d)
 {
-    float3 m = (float3)(dot3(d, f->edges[0]), dot3(d, f->edges[1]), dot3(d, f->edges[2]));
-    float sum = m.x + m.y + m.z;
-    m = sum < 0.0f ? max(-m, 0.0f) : max(m, 0.0f);
-    sum = m.x + m.y + m.z;
-    return sum > 0.0f ? m / sum : (float3)(1.0f / 3.0f);
+    float sum = -2.0f * dot3(d, f->across);
+    float3 m = (float3)(dot3(d, f->edges[0]), dot3(d, f->edges[1]), dot3(d, f->edges[2])) / sum;
+    if (!all_finite(m))
+        return 1.0f / 3.0f;
+    uint steady = f->steady;
+    float a = steady == 0u ? m.x : steady == 1u ? m.y : m.z;
+    float b = steady == 0u ? m.y : steady == 1u ? m.z : m.x;
+    a = clamp(a, f->inset.x, 1.0f - 2.0f * f->inset.x);
+    float rest = 1.0f - a, least = min(f->inset.y, 0.5f * rest);
+    b = clamp(b, least, rest - least);
+    float c = rest - b;
+    return steady == 0u ? (float3)(a, b, c) : steady == 1u ? (float3)(c, a, b) : (float3)(b, c, a);
 }
 
 #if HAS_TEXTURES

@@ -101,8 +101,16 @@ impl Probe {
     /// # Errors
     /// Where the kernels do not build, or the scene does not fit.
     pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh, walk: Walk) -> Result<Self> {
+        Self::with_text(device, shape, bvh, walk, &source::probe_text())
+    }
+
+    /// The same with kernels of another text than [`source::probe_text`].
+    ///
+    /// # Errors
+    /// As for [`Probe::new`].
+    pub fn with_text(device: &Device, shape: &Scene, bvh: &WideBvh, walk: Walk, text: &str) -> Result<Self> {
         let options = source::options(&Features::default(), bvh.depth(), walk);
-        let program = Program::build(device, "probe", &source::probe_text(), &options)?;
+        let program = Program::build(device, "probe", text, &options)?;
         let darkness = Environment::constant(glam::Vec3::ZERO);
         let data = SceneData::pack(shape, bvh, &darkness)?;
         Ok(Probe {

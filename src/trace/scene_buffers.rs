@@ -59,7 +59,7 @@ pub struct SceneBuffers {
     environment: Buffer<layout::EnvironmentTexel>,
     alias: Buffer<layout::Alias>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
-    pub(super) shading: layout::Shading,
+    pub shading: layout::Shading,
 }
 
 /// The tree in the form that a variant of the kernels walks.
@@ -247,7 +247,7 @@ impl SceneBuffers {
     pub(super) const ARGUMENTS: usize = 15;
 
     /// The kernels' first arguments, in the order of `SCENE_PARAMETERS`.
-    pub(super) fn args(&self) -> Vec<Arg<'_>> {
+    pub fn args(&self) -> Vec<Arg<'_>> {
         vec![
             self.nodes.arg(),
             Arg::buffer(&self.leaves),

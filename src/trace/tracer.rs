@@ -465,7 +465,7 @@ impl Tracer {
 
 /// A view as kernels see it. The eye's position is split in two floats, so that a head far from the
 /// anchor still moves smoothly.
-pub(super) fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
+pub fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
     let rotation = glam::DMat3::from_quat(view.world_from_eye.rotation);
     let eye = view.world_from_eye.position - anchor;
     let high = eye.as_vec3();

@@ -66,6 +66,7 @@ fn environments() {
         let half = sky(|_, y| Vec3::splat(if y < 8 { 2.0 } else { 0.0 }));
         let side = sky(|x, _| Vec3::splat(if x < 16 { 2.0 } else { 0.0 }));
         let spot = sky(|x, y| Vec3::splat(if (x, y) == (20, 3) { 1e6 } else { 0.0 }));
+        let glare = sky(|x, y| Vec3::splat(if (x, y) == (9, 2) { 1e9 } else { 1e-6 }));
         let plastic = || Material { roughness: 0.3, ..matt(0.5) };
         let case = |name, light| Case::new(name, stage(matt(0.6), plastic()), light);
         vec![
@@ -74,6 +75,9 @@ fn environments() {
             case("upper half of a map", half),
             case("left half of a map", side),
             case("one bright texel", spot),
+            case("map of 1e-6", Environment::constant(Vec3::splat(1e-6))),
+            case("map of 1e9", Environment::constant(Vec3::splat(1e9))),
+            case("a texel of 1e9 in a map of 1e-6", glare),
         ]
     });
 }
@@ -102,6 +106,7 @@ fn suns() {
             case("sun on plastic", 12.0, Material { roughness: 0.3, ..matt(0.5) }, sun(0.27, 1e4)),
             case("sun on polished metal", 12.0, metal(Vec3::ONE, 0.1), sun(0.27, 1e4)),
             case("large sun on polished metal", 20.0, metal(Vec3::ONE, 0.1), sun(8.0, 5.0)),
+            case("sun of 1e9", 12.0, Material { roughness: 0.3, ..matt(0.5) }, sun(0.27, 1e9)),
             case("sun in a mirror", 1.0, metal(Vec3::ONE, 0.0), sun(0.27, 1e4)),
             case("small sun on gloss", 4.0, Material { roughness: 0.15, ..matt(0.1) }, sun(0.03, 1e6)),
         ]

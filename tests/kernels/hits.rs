@@ -177,6 +177,28 @@ fn no_light_leaks_into_a_closed_surface() {
     });
 }
 
+/// A million triangles in one place are hit as one is, and cost neither depth nor memory without bounds.
+#[test]
+fn a_million_coincident_triangles_are_hit() {
+    on_every_device(|device| {
+        let mut scene = scenes::shape([[Vec3::ZERO, Vec3::X, Vec3::Y]]);
+        scene.mesh.triangles = vec![[0, 1, 2]; 1_000_000];
+        scene.mesh.materials = vec![0; 1_000_000];
+        let view = view(DVec3::new(0.3, 0.3, 0.4), DVec3::new(0.3, 0.3, 0.0), 60.0, (8, 8));
+        for walk in Walk::ALL {
+            let picture = trace_by(device, &scene, &view, true, walk);
+            for (pixel, hit) in picture.hits.iter().enumerate() {
+                let at = DVec2::new((pixel % 8) as f64, (pixel / 8) as f64) + 0.5;
+                let ray = reference::camera_ray(&scene, &view, at);
+                let p = ray.at(-ray.origin.z / ray.direction.z);
+                let inside = p.x > 1e-6 && p.y > 1e-6 && p.x + p.y < 1.0 - 1e-6;
+                assert_eq!(hit.triangle != u32::MAX, inside, "{} {pixel}", walk.name());
+                assert!(!inside || (f64::from(hit.t) - ray.origin.distance(p)).abs() < 1e-6, "{hit:?}");
+            }
+        }
+    });
+}
+
 #[test]
 fn sponza_is_hit_where_the_reference_says() {
     let Some(path) = crate::common::data("scenes/sponza/Sponza.gltf") else { return };

@@ -274,8 +274,9 @@ fn sheets(rays: usize) {
                 let tolerance = TOLERANCE * judge.reach(ray.origin);
                 total = total.and(sheet.judge(&ray, hit.triangle != u32::MAX, tolerance));
                 total = total.and(sheet.judge(&ray, hidden[i / 32] >> (i % 32) & 1 == 1, tolerance));
-                decided += usize::from(sheet.truth(&ray, tolerance).is_some());
-                if i.is_multiple_of(SAMPLE) && hit.triangle == u32::MAX {
+                let truth = sheet.truth(&ray, tolerance);
+                decided += usize::from(truth.is_some());
+                if i.is_multiple_of(SAMPLE) && truth == Some(false) {
                     assert!(judge.reference.is_valid_miss(&ray, f64::INFINITY, tolerance), "{ray:?}");
                 }
             }
