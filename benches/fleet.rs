@@ -104,7 +104,7 @@ fn sharing(frames: usize, factor: u32) {
     let opener = |index: usize, times: u32| -> (String, Opener) {
         let (device, data) = (parts[index].clone(), data.clone());
         let open: Opener = Box::new(move |_| {
-            let hand = DeviceHand::new(&device, &data, Walk::for_device(&device), false)?;
+            let hand = DeviceHand::new(&device, &data, Walk::for_device(&device).into(), false)?;
             Ok(Box::new(slow::Slow { hand, times }) as Box<dyn Hand>)
         });
         (parts[index].info().name.clone(), open)

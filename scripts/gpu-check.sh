@@ -17,9 +17,11 @@ pack() {
   local options=(--profile "$profile") folder=$profile
   [[ $profile == dev ]] && folder=debug
   cargo build "${options[@]}"
-  local tests
+  local tests peer
   tests=$(cargo test "${options[@]}" --test kernels --no-run --message-format json \
     | sed -n 's/.*"executable":"\([^"]*kernels-[^"]*\)".*/\1/p' | tail -1)
+  peer=$(cargo build "${options[@]}" --bench vulkan_rays --message-format json \
+    | sed -n 's/.*"executable":"\([^"]*vulkan_rays-[^"]*\)".*/\1/p' | tail -1)
   bundle=$(mktemp -d)
   trap 'rm -rf "$bundle"' EXIT
   mkdir -p "$bundle/gpu-check/lib" "$bundle/gpu-check/data/scenes" "$(dirname "$out")"
@@ -27,7 +29,8 @@ pack() {
   cp scripts/gpu-check.sh "$to/"
   cp "target/$folder/foveate" "$to/foveate"
   cp "$tests" "$to/kernels-tests"
-  strip "$to/foveate" "$to/kernels-tests" 2>/dev/null || true
+  cp "$peer" "$to/vulkan-rays"
+  strip "$to/foveate" "$to/kernels-tests" "$to/vulkan-rays" 2>/dev/null || true
   if [[ -d $data/scenes/sponza ]]; then
     cp -rL "$data/scenes/sponza" "$to/data/scenes/"
   else
@@ -131,6 +134,18 @@ rates() {
   while IFS= read -r line; do row "$name" "$(echo "$line" | tr -s ' ' | sed 's/^ //')"; done < <(sed -n '3,$p' "$work/out")
 }
 
+# The same rays by Vulkan's ray queries, in turns with ours.
+peer() {
+  local name="$1, beside Vulkan's ray queries"
+  if ! attempt 120 ./vulkan-rays --scene "$2" "${rays[@]}"; then not_run "$name"; return; fi
+  while IFS= read -r line; do row "$name" "$line"; done <"$work/out"
+}
+
+memory() {
+  if ! attempt 60 ./foveate scene info "$2" --json; then not_run "$1, memory"; return; fi
+  row "$1, memory" "$(($(number device_bytes) / 1048576)) MiB on the device, $(number bytes_per_triangle) bytes a triangle for nodes, vertices and indices"
+}
+
 point() {
   local name=$1; shift
   if ! attempt 90 ./foveate render "$@" --out "$work/picture.exr" --json; then not_run "$name"; return; fi
@@ -146,20 +161,23 @@ passes=20 triangles=6700000
 paper=(--width 1280 --height 800 --samples 55000)
 # The same fraction of the pixels: 2064 * 2208 * 55000 / 1024000 in each eye's view.
 modern=(--stereo per-eye --width 4128 --height 2208 --samples 244771)
+rays=()
 if [[ $small == yes ]]; then
   passes=2 triangles=300000
   modern=(--stereo per-eye --width 1032 --height 552 --samples 15298)
+  rays=(--width 320 --height 200 --samples 4000 --repetitions 3)
 fi
 
 devices
 if attempt 60 ./foveate devices --json; then
-  row sharing "$(grep -o '"sharing":"[^"]*' "$work/out" | cut -d'"' -f4 | grep . || echo "not run: one of the two devices is missing")"
+  row sharing "$(sed -n 's/.*"sharing":"\([^"]*\)","sharing_reason":"\([^"]*\)".*/\1: \2/p' "$work/out" | grep . || echo "not run: one of the two devices is missing")"
 else
   not_run sharing
 fi
 sponza=data/scenes/sponza/Sponza.gltf
 if [[ -e $sponza ]]; then
   rates Sponza "$sponza"
+  peer Sponza "$sponza"
   for method in k-nn guided; do
     point "paper's point, $method" "$sponza" "${paper[@]}" --rays 32 --reconstruct $method --passes $passes
   done
@@ -169,12 +187,13 @@ else
 fi
 if attempt 90 ./foveate scene generate voxel-town --triangles $triangles --out "$work/town.glb"; then
   rates town "$work/town.glb"
+  memory town "$work/town.glb"
+  peer town "$work/town.glb"
   point "paper's point in the town, guided" "$work/town.glb" "${paper[@]}" --rays 32 --reconstruct guided --passes $passes
 else
   not_run town
 fi
 tests
-row "Vulkan's ray tracing pipeline" "not run: it is not part of this program"
 
 echo
 echo "| what | result |"

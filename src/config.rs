@@ -15,6 +15,7 @@ use crate::foveation::Law;
 use crate::gpu::opencl::Device;
 use crate::measure::picture::MAX_PIXELS;
 use crate::scene::sky::Sky;
+use crate::speed::Choice;
 use crate::trace;
 
 /// Everything that can be set. [`Config::default`] is the truth; `configs/default.toml` repeats it with
@@ -150,11 +151,11 @@ pub struct TraceConfig {
     pub walk: WalkConfig,
 }
 
-/// A variant of the kernels, or what suits the device.
+/// A variant of the kernels, or the fastest ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WalkConfig {
-    /// What suits the device.
+    /// The fastest for each kind of ray, by a measurement at the device's first start.
     Auto,
     /// Rays that belong together share a work-item.
     Together,
@@ -163,13 +164,18 @@ pub enum WalkConfig {
 }
 
 impl WalkConfig {
-    /// The variant on a device.
-    pub fn on(self, device: &Device) -> trace::Walk {
+    /// The variant that is forced, if any is.
+    pub fn forced(self) -> Option<trace::Walk> {
         match self {
-            WalkConfig::Auto => trace::Walk::for_device(device),
-            WalkConfig::Together => trace::Walk::Together,
-            WalkConfig::Alone => trace::Walk::Alone,
+            WalkConfig::Auto => None,
+            WalkConfig::Together => Some(trace::Walk::Together),
+            WalkConfig::Alone => Some(trace::Walk::Alone),
         }
+    }
+
+    /// The variants on a device: measured at its first start, where none is forced.
+    pub fn on(self, device: &Device) -> Choice {
+        self.forced().map_or_else(|| Choice::of(device), Choice::forced)
     }
 }
 

@@ -26,6 +26,14 @@ pub const MOST_BYTES: u64 = 1 << 30;
 /// Scenes with fewer triangles are built faster than anyone notices.
 pub const LEAST_TRIANGLES: usize = 50_000;
 
+/// The program's part of the user's cache: `$XDG_CACHE_HOME/foveate`, or `~/.cache/foveate`; `None` without a
+/// home.
+pub fn user_folder() -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = absolute("XDG_CACHE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".cache")))?;
+    Some(base.join("foveate"))
+}
+
 /// A folder of trees.
 #[derive(Clone, Debug)]
 pub struct TreeCache {
@@ -36,10 +44,7 @@ pub struct TreeCache {
 impl TreeCache {
     /// The user's cache: `$XDG_CACHE_HOME/foveate/trees`, or `~/.cache/foveate/trees`; `None` without a home.
     pub fn of_user() -> Option<TreeCache> {
-        let absolute =
-            |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-        let base = absolute("XDG_CACHE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".cache")))?;
-        Some(TreeCache::in_folder(base.join("foveate/trees")))
+        Some(TreeCache::in_folder(user_folder()?.join("trees")))
     }
 
     /// A cache in a folder, which is made when it is needed.

@@ -8,8 +8,10 @@ mod build;
 pub mod cache;
 pub mod compact;
 mod improve;
+mod refit;
 pub mod wide;
 
+pub use refit::Refit;
 pub use wide::{WideBvh, WideNode};
 
 /// Triangles in a leaf at most; what one vector of eight lanes tests at once.

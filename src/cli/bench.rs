@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::time::Instant;
 
 use serde::Serialize;
 
@@ -61,6 +62,8 @@ struct Tree {
     cached: bool,
     /// To build it, where it was not in the cache, or `--cold` asked for it.
     build_ms: Option<f64>,
+    /// To fit its boxes to vertices that have moved.
+    refit_ms: f64,
 }
 
 #[derive(Serialize)]
@@ -125,7 +128,7 @@ pub fn run(args: &Args) -> Result<()> {
     let report = Report {
         scene: args.scene.display().to_string(),
         triangles: bench.shape.mesh.triangles.len(),
-        bvh: Tree { ready_ms, cached, build_ms, ..bench.tree() },
+        bvh: Tree { ready_ms, cached, build_ms, refit_ms: bench.time_to_refit(), ..bench.tree() },
         view: Asked {
             width: view.width,
             height: view.height,
@@ -154,7 +157,7 @@ fn view(args: &Args, config: &Config, loaded: &Loaded) -> Result<View> {
 }
 
 fn time_to_build(scene: &Scene) -> f64 {
-    let start = std::time::Instant::now();
+    let start = Instant::now();
     drop(WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles));
     start.elapsed().as_secs_f64() * 1e3
 }
@@ -185,13 +188,10 @@ struct Bench {
 impl Bench {
     /// Every variant of the kernels on every device, or the one that settings ask for.
     fn probes(&self, devices: &[Device], walk: WalkConfig) -> Result<Vec<Probe>> {
-        let wanted = |device: &Device| match walk {
-            WalkConfig::Auto => Walk::ALL.to_vec(),
-            forced => vec![forced.on(device)],
-        };
+        let wanted = walk.forced().map_or_else(|| Walk::ALL.to_vec(), |forced| vec![forced]);
         devices
             .iter()
-            .flat_map(|device| wanted(device).into_iter().map(move |walk| (device, walk)))
+            .flat_map(|device| wanted.iter().map(move |&walk| (device, walk)))
             .map(|(device, walk)| Probe::new(device, &self.shape, &self.bvh, walk))
             .collect()
     }
@@ -209,7 +209,16 @@ impl Bench {
             ready_ms: 0.0,
             cached: false,
             build_ms: None,
+            refit_ms: 0.0,
         }
+    }
+
+    fn time_to_refit(&self) -> f64 {
+        let mut tree = self.bvh.clone();
+        let start = Instant::now();
+        // The loader has refused what is not finite.
+        let _ = tree.refit(&self.shape.mesh.positions, &self.shape.mesh.triangles);
+        start.elapsed().as_secs_f64() * 1e3
     }
 
     fn measured(&self, probe: &Probe, rates: &Rates, cold: bool) -> Result<Measured> {
@@ -238,13 +247,14 @@ impl Bench {
 impl Report {
     fn text(&self) -> String {
         let mut text = format!(
-            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
+            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}, refitted in {:.0} ms\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
             self.scene,
             self.triangles,
             self.bvh.nodes,
             self.bvh.depth,
             self.bvh.ready_ms,
             if self.bvh.cached { " from the cache" } else { "" },
+            self.bvh.refit_ms,
             self.view.width,
             self.view.height,
             self.view.samples,
@@ -263,11 +273,12 @@ impl Measured {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{} ({}), rays {}, {:.0} bytes a triangle: kernels {cold}{:.0} ms warm; {:.3} ms to launch and wait for a frame's",
+            "{} ({}), rays {}, {:.0} bytes a triangle and {:.0} MiB in all: kernels {cold}{:.0} ms warm; {:.3} ms to launch and wait for a frame's",
             self.device,
             self.platform,
             self.walk.name(),
             self.bytes_per_triangle,
+            self.device_bytes as f64 / 1_048_576.0,
             self.kernels.warm_ms,
             self.kernels.launch_ms
         );

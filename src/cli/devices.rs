@@ -14,6 +14,7 @@ use crate::gpu::vulkan::{self, Context, ContextOptions};
 use crate::headset::openxr::Runtime;
 use crate::math::view::View;
 use crate::scene::{default_viewpoint, generate};
+use crate::speed::Choice;
 use crate::trace::State;
 
 use super::options::eye_fov;
@@ -30,6 +31,8 @@ struct Report {
     opencl: Vec<OpenClDevice>,
     vulkan: Vec<VulkanDevice>,
     sharing: Option<String>,
+    /// Why they are shared so.
+    sharing_reason: Option<String>,
     /// What each device that traces takes of a small frame; one device takes all.
     shares: Vec<Share>,
     presenters: Vec<Presenter>,
@@ -42,6 +45,8 @@ struct OpenClDevice {
     info: DeviceInfo,
     used: bool,
     reason: String,
+    /// The variants of the kernels that it uses, where it traces.
+    kernels: Option<Choice>,
 }
 
 /// A device's part of a small frame.
@@ -87,9 +92,15 @@ pub fn run(args: &Args) -> Result<()> {
     let opened = machine::open(&infos, &config.devices, &presenting);
     let tracing: &[Device] = opened.as_deref().unwrap_or_default();
     let sharing = match (tracing.first(), &context) {
-        (Some(device), Ok(context)) => Some(interop::probe(device, context).to_string()),
+        (Some(device), Ok(context)) => Some(interop::explain(device, context)),
         _ => None,
     };
+    // What a device is divided into is measured by itself when it is used.
+    let kernels = |info: &DeviceInfo| {
+        let device = tracing.iter().find(|device| device.info().is(info))?;
+        Some(config.trace.walk.on(device))
+    };
+    let kernels: Vec<Option<Choice>> = infos.iter().map(kernels).collect();
     let shares = match &context {
         Ok(context) if tracing.len() > 1 => shares(tracing, context, &config),
         _ => Ok(tracing
@@ -114,14 +125,17 @@ pub fn run(args: &Args) -> Result<()> {
     });
     let opencl = infos
         .into_iter()
+        .zip(kernels)
         .enumerate()
-        .map(|(index, info)| describe_opencl(info, chosen.contains(&index)))
+        .map(|(index, (info, kernels))| describe_opencl(info, chosen.contains(&index), kernels))
         .collect();
-    let report = Report { opencl, vulkan, sharing, shares, presenters: presenters(), problems };
+    let (sharing, sharing_reason) = sharing.map(|(way, why)| (way.to_string(), why)).unzip();
+    let report =
+        Report { opencl, vulkan, sharing, sharing_reason, shares, presenters: presenters(), problems };
     if args.options.json { output::print_json(&report) } else { print(&report) }
 }
 
-fn describe_opencl(info: DeviceInfo, used: bool) -> OpenClDevice {
+fn describe_opencl(info: DeviceInfo, used: bool, kernels: Option<Choice>) -> OpenClDevice {
     let reason = match (&info.unusable, used) {
         (Some(why), _) => why.clone(),
         (None, true) => "traces".to_string(),
@@ -129,7 +143,7 @@ fn describe_opencl(info: DeviceInfo, used: bool) -> OpenClDevice {
             "usable, but not chosen, or there by another driver too; choose it with --devices".to_string()
         }
     };
-    OpenClDevice { info, used, reason }
+    OpenClDevice { info, used, reason, kernels }
 }
 
 /// Frames after which shares have settled, and their size.
@@ -211,6 +225,7 @@ fn print(report: &Report) -> Result<()> {
             d.info.driver,
             d.reason
         ));
+        lines.extend(d.kernels.iter().map(|choice| format!("     {}", choice.describe())));
     }
     if report.shares.len() > 1 {
         lines.push("Shares of a small frame".to_string());
@@ -224,8 +239,8 @@ fn print(report: &Report) -> Result<()> {
     for d in &report.vulkan {
         lines.push(format!("{}    {} [{}, {}]: {}", mark(d.used), d.name, d.kind, d.api_version, d.reason));
     }
-    if let Some(sharing) = &report.sharing {
-        lines.push(format!("Samples go from the first to the other {sharing}."));
+    if let (Some(sharing), Some(why)) = (&report.sharing, &report.sharing_reason) {
+        lines.push(format!("Samples go from the first to the other {sharing}: {why}."));
     }
     lines.push("Presenters".to_string());
     lines.extend(report.presenters.iter().map(|p| format!("{}    {}: {}", mark(p.used), p.name, p.reason)));

@@ -11,7 +11,7 @@ use crate::frame::Output;
 use crate::headset::mock::Script;
 use crate::math::pose::Pose;
 use crate::math::view::View;
-use crate::trace::Walk;
+use crate::trace::{Walk, Walks};
 use crate::trade::{Effort, Report, Subject, sweep};
 use crate::whole_file;
 
@@ -66,7 +66,8 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let open = |config: &Config| Ok(machine.renderer(&loaded, config, Output::Radiance)?.0);
     let mut renderer = open(&config)?;
-    let used = |walk: &Walk| machine.devices.iter().all(|device| config.trace.walk.on(device) == *walk);
+    let used: Vec<Walks> = machine.devices.iter().map(|device| config.trace.walk.on(device).walks).collect();
+    let used = |walk: &Walk| used.iter().all(|walks| *walks == Walks::from(*walk));
     let walks: Vec<Walk> = Walk::ALL.into_iter().filter(|walk| !used(walk)).collect();
     let subject = Subject {
         scene: args.scene.file_name().unwrap_or_default().to_string_lossy().into_owned(),

@@ -449,10 +449,10 @@ impl Renderer {
     }
 }
 
-/// Opens devices with a scene, each with the variant of the kernels that settings choose for it.
+/// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.
 fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
     let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?);
-    let walking = |device: &Device| (device.clone(), config.trace.walk.on(device));
+    let walking = |device: &Device| (device.clone(), config.trace.walk.on(device).walks);
     Fleet::of_devices(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
 }
 

@@ -1,9 +1,12 @@
-//! How fast rays are traced: what `foveate bench` and the benchmarks against other tracers measure.
+//! How fast rays are traced: what `foveate bench` and the benchmarks against other tracers measure, and which
+//! variant of the kernels a device is given for that reason.
 
+mod choice;
 pub mod cpu_time;
 pub mod export;
 pub mod rate;
 pub mod workload;
 
+pub use choice::{Choice, Source, Times};
 pub use rate::{Rate, Rates};
 pub use workload::Workload;

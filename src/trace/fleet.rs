@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::hand::{DeviceHand, Done, Hand, Job};
-use super::{SceneData, Walk};
+use super::{SceneData, Walks};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
@@ -82,22 +82,22 @@ pub struct Round {
 }
 
 impl Fleet {
-    /// Opens devices, each with a variant of the kernels, the first of which may write landings in place (`direct`).
+    /// Opens devices, each with its variants of the kernels, the first of which may write landings in place (`direct`).
     ///
     /// # Errors
     /// Where none of them can be used: the first one's reason.
-    pub fn of_devices(devices: &[(Device, Walk)], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
-        let opener = |(index, (device, walk)): (usize, &(Device, Walk))| {
-            let (device, walk, data) = (device.clone(), *walk, data.clone());
+    pub fn of_devices(devices: &[(Device, Walks)], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
+        let opener = |(index, (device, walks)): (usize, &(Device, Walks))| {
+            let (device, walks, data) = (device.clone(), *walks, data.clone());
             let mut name = device.info().name.clone();
-            let twin = |other: &&(Device, Walk)| other.0.info().name == name;
+            let twin = |other: &&(Device, Walks)| other.0.info().name == name;
             if devices.iter().filter(twin).count() > 1 {
                 name += &format!(" (number {})", devices[..=index].iter().filter(twin).count());
             }
             let open: Opener = Box::new(move |times| {
                 Ok(Box::new(match times {
-                    0 => DeviceHand::new(&device, &data, walk, direct && index == 0)?,
-                    _ => DeviceHand::reopen(device.info(), &data, walk)?,
+                    0 => DeviceHand::new(&device, &data, walks, direct && index == 0)?,
+                    _ => DeviceHand::reopen(device.info(), &data, walks)?,
                 }))
             });
             (name, open)

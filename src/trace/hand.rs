@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{SceneData, Settings, TracePattern, Tracer, Walk};
+use super::{SceneData, Settings, TracePattern, Tracer, Walks};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
@@ -93,21 +93,21 @@ struct OwnView {
 }
 
 impl DeviceHand {
-    /// A device that has been opened, with a variant of the kernels; `direct` says that it writes landings in place.
+    /// A device that has been opened, with its variants of the kernels; `direct` says that it writes landings in place.
     ///
     /// # Errors
     /// Where the device fails its self-test, or the scene does not fit.
-    pub fn new(device: &Device, data: &SceneData, walk: Walk, direct: bool) -> Result<Self> {
+    pub fn new(device: &Device, data: &SceneData, walks: Walks, direct: bool) -> Result<Self> {
         let slices = if device.info().kind == "cpu" { 4 } else { 1 };
-        Ok(DeviceHand { tracer: Tracer::open(device, data, walk)?, direct, slices, views: Vec::new() })
+        Ok(DeviceHand { tracer: Tracer::open(device, data, walks)?, direct, slices, views: Vec::new() })
     }
 
     /// Opens a device anew, as after a failure.
     ///
     /// # Errors
     /// As [`DeviceHand::new`], and where the driver refuses the device.
-    pub fn reopen(info: &DeviceInfo, data: &SceneData, walk: Walk) -> Result<Self> {
-        Self::new(&Device::open(info)?, data, walk, false)
+    pub fn reopen(info: &DeviceInfo, data: &SceneData, walks: Walks) -> Result<Self> {
+        Self::new(&Device::open(info)?, data, walks, false)
     }
 
     /// Takes in a view's pattern, where it is new.
@@ -154,8 +154,12 @@ impl Hand for DeviceHand {
         };
         let parts = job.workload.slices(part, self.slices);
         let tracer = &mut self.tracer;
+        samples.acquire()?;
+        visibility.map_or(Ok(()), Buffer::acquire)?;
         let work =
             tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, samples, visibility)?;
+        samples.release()?;
+        visibility.map_or(Ok(()), Buffer::release)?;
         let traced = tracer.finish(work)?;
         let mut done = Done {
             part: part.clone(),

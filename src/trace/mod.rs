@@ -15,4 +15,4 @@ pub use fleet::{Fleet, Opener, Round, State};
 pub use hand::{DeviceHand, Done, Hand, Job, Landing};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera};
-pub use walk::Walk;
+pub use walk::{Walk, Walks};

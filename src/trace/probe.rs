@@ -114,9 +114,9 @@ impl Probe {
         let darkness = Environment::constant(glam::Vec3::ZERO);
         let data = SceneData::pack(shape, bvh, &darkness)?;
         Ok(Probe {
-            scene: SceneBuffers::upload(device, &data, walk)?,
+            scene: SceneBuffers::upload(device, &data, walk.into())?,
             walk,
-            bytes: data.bytes(walk),
+            bytes: data.bytes(walk.into()),
             tiles: Buffer::new(device, 1)?,
             tile_count: 0,
             anchor: shape.anchor,
@@ -213,7 +213,7 @@ impl Probe {
     }
 
     fn launch(&self, kind: RayKind) -> Result<Event> {
-        let mut args = self.scene.args();
+        let mut args = self.scene.args(self.walk);
         let group = self.walk.group();
         match kind {
             RayKind::Pixels => {

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use glam::Vec4;
 
-use super::Walk;
+use super::{Walk, Walks};
 use crate::bvh::WideBvh;
 use crate::bvh::compact::compact_nodes;
 use crate::error::{Error, Result};
@@ -44,7 +44,10 @@ pub struct SceneData {
 /// All buffers of a scene. Those that no feature requires do not exist.
 #[derive(Debug)]
 pub struct SceneBuffers {
-    nodes: Nodes,
+    /// Exists where a variant of the kernels walks it.
+    wide: Option<Buffer<layout::WideNode>>,
+    /// As `wide`.
+    compact: Option<Buffer<layout::CompactNode>>,
     leaves: Buffer<f32>,
     triangles: Buffer<layout::Triangle>,
     normals: Buffer<u32>,
@@ -60,29 +63,6 @@ pub struct SceneBuffers {
     alias: Buffer<layout::Alias>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
     pub shading: layout::Shading,
-}
-
-/// The tree in the form that a variant of the kernels walks.
-#[derive(Debug)]
-enum Nodes {
-    Wide(Buffer<layout::WideNode>),
-    Compact(Buffer<layout::CompactNode>),
-}
-
-impl Nodes {
-    fn arg(&self) -> Arg<'_> {
-        match self {
-            Nodes::Wide(buffer) => Arg::buffer(buffer),
-            Nodes::Compact(buffer) => Arg::buffer(buffer),
-        }
-    }
-
-    fn bytes(&self) -> usize {
-        match self {
-            Nodes::Wide(buffer) => buffer.bytes(),
-            Nodes::Compact(buffer) => buffer.bytes(),
-        }
-    }
 }
 
 /// A device buffer's name and size.
@@ -145,20 +125,20 @@ impl SceneData {
         })
     }
 
-    /// Every buffer that a device with a variant of the kernels will hold, with its size.
-    pub fn bytes(&self, walk: Walk) -> Vec<BufferBytes> {
+    /// Every buffer that a device with these variants of the kernels will hold, with its size.
+    pub fn bytes(&self, walks: Walks) -> Vec<BufferBytes> {
         fn of<T>(name: &'static str, values: &[T]) -> Option<BufferBytes> {
             Some(BufferBytes { name, bytes: size_of_val(values).max(size_of::<T>()) })
         }
         fn may<T>(name: &'static str, values: &Option<Vec<T>>) -> Option<BufferBytes> {
             values.as_ref().and_then(|values| of(name, values))
         }
-        let node_bytes = match walk {
-            Walk::Together => size_of::<layout::WideNode>(),
-            Walk::Alone => size_of::<layout::CompactNode>(),
+        let nodes = |walk, name, bytes| {
+            walks.contain(walk).then(|| BufferBytes { name, bytes: self.nodes.len().max(1) * bytes })
         };
         [
-            Some(BufferBytes { name: "nodes", bytes: self.nodes.len().max(1) * node_bytes }),
+            nodes(Walk::Together, "nodes", size_of::<layout::WideNode>()),
+            nodes(Walk::Alone, "compact nodes", size_of::<layout::CompactNode>()),
             of("leaves", &self.leaves),
             of("triangles", &self.triangles),
             of("normals", &self.normals),
@@ -183,8 +163,8 @@ impl SceneData {
     ///
     /// # Errors
     /// [`Error::Device`] with what is too large.
-    pub fn check_fit(&self, device: &Device, walk: Walk) -> Result<()> {
-        let bytes = self.bytes(walk);
+    pub fn check_fit(&self, device: &Device, walks: Walks) -> Result<()> {
+        let bytes = self.bytes(walks);
         let sum: u64 = bytes.iter().map(|b| b.bytes as u64).sum();
         let refuse = |problem: String| Err(Error::Device { device: device.info().name.clone(), problem });
         let info = device.info();
@@ -212,20 +192,20 @@ impl SceneData {
 }
 
 impl SceneBuffers {
-    /// Uploads a scene for a variant of the kernels.
+    /// Uploads a scene for variants of the kernels.
     ///
     /// # Errors
     /// [`Error::Device`] where it does not fit.
-    pub fn upload(device: &Device, data: &SceneData, walk: Walk) -> Result<Self> {
+    pub fn upload(device: &Device, data: &SceneData, walks: Walks) -> Result<Self> {
         fn may<T: bytemuck::Pod>(device: &Device, values: &Option<Vec<T>>) -> Result<Option<Buffer<T>>> {
             values.as_ref().map(|values| Buffer::from_slice(device, values)).transpose()
         }
-        data.check_fit(device, walk)?;
+        data.check_fit(device, walks)?;
         Ok(SceneBuffers {
-            nodes: match walk {
-                Walk::Together => Nodes::Wide(Buffer::from_slice(device, &data.nodes)?),
-                Walk::Alone => Nodes::Compact(Buffer::from_slice(device, data.compact())?),
-            },
+            wide: (walks.contain(Walk::Together).then(|| Buffer::from_slice(device, &data.nodes)))
+                .transpose()?,
+            compact: (walks.contain(Walk::Alone).then(|| Buffer::from_slice(device, data.compact())))
+                .transpose()?,
             leaves: Buffer::from_slice(device, &data.leaves)?,
             triangles: Buffer::from_slice(device, &data.triangles)?,
             normals: Buffer::from_slice(device, &data.normals)?,
@@ -246,10 +226,13 @@ impl SceneBuffers {
     /// How many arguments a scene is.
     pub(super) const ARGUMENTS: usize = 15;
 
-    /// The kernels' first arguments, in the order of `SCENE_PARAMETERS`.
-    pub fn args(&self) -> Vec<Arg<'_>> {
+    /// The first arguments of a variant's kernels, in the order of `SCENE_PARAMETERS`.
+    pub fn args(&self, walk: Walk) -> Vec<Arg<'_>> {
         vec![
-            self.nodes.arg(),
+            match walk {
+                Walk::Together => Arg::optional(&self.wide),
+                Walk::Alone => Arg::optional(&self.compact),
+            },
             Arg::buffer(&self.leaves),
             Arg::buffer(&self.triangles),
             Arg::buffer(&self.normals),
@@ -269,7 +252,9 @@ impl SceneBuffers {
 
     /// Bytes of what rays walk: nodes, vertices in leaf order, and what hits need to know of a triangle.
     pub fn tree_bytes(&self) -> usize {
-        self.nodes.bytes() + self.leaves.bytes() + self.triangles.bytes()
+        let nodes =
+            self.wide.as_ref().map_or(0, Buffer::bytes) + self.compact.as_ref().map_or(0, Buffer::bytes);
+        nodes + self.leaves.bytes() + self.triangles.bytes()
     }
 }
 

@@ -2,11 +2,12 @@
 
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
-use super::{SceneData, Settings, Tracer, Walk};
+use super::tracer::Programs;
+use super::{SceneData, Settings, Tracer};
 use crate::bvh::WideBvh;
 use crate::error::{Error, Result};
 use crate::foveation::{Law, Pattern};
-use crate::gpu::opencl::{Buffer, Device, Program};
+use crate::gpu::opencl::{Buffer, Device};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::scene::{Environment, Features, Material, Scene};
@@ -20,15 +21,15 @@ const ALBEDO: f32 = 0.5;
 const DEPTH: f64 = 1e-3;
 const RADIANCE: f64 = 0.1;
 
-/// Traces the floor by a program, and compares every sample with what is known of it.
+/// Traces the floor by built kernels, and compares every sample with what is known of it.
 ///
 /// # Errors
 /// [`Error::Device`] where the device fails, or computes something else.
-pub fn run(device: &Device, program: &Program, features: &Features, walk: Walk) -> Result<()> {
+pub fn run(device: &Device, programs: &Programs, features: &Features) -> Result<()> {
     let scene = floor();
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let data = SceneData::pack(&scene, &bvh, &Environment::constant(Vec3::ONE))?;
-    let mut tracer = Tracer::with_program(device, program, &data, features, walk)?;
+    let mut tracer = Tracer::with_programs(device, programs, &data, features)?;
     let view = View {
         world_from_eye: Pose::look_at(DVec3::new(0.0, 1.0, 0.3), DVec3::new(0.0, 0.0, -1.0)),
         fov: FieldOfView::symmetric(1.6, 1.0),

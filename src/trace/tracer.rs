@@ -10,7 +10,7 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::source;
-use super::{SceneBuffers, SceneData, Walk};
+use super::{SceneBuffers, SceneData, Walk, Walks};
 
 /// Work-items of `trace_pixels`, `light_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
 pub(super) const BLOCKS_PER_TILE: usize = 4;
@@ -54,7 +54,7 @@ pub struct Traced {
 pub struct Tracer {
     device: Device,
     scene: SceneBuffers,
-    walk: Walk,
+    walks: Walks,
     anchor: glam::DVec3,
     trace_pixels: Kernel,
     trace_samples: Kernel,
@@ -111,6 +111,24 @@ pub struct InFlight {
     camera_rays: u64,
 }
 
+/// Built kernels of the variants that a device uses.
+pub(super) struct Programs {
+    walks: Walks,
+    pixels: Program,
+    /// Exists where it is another variant.
+    bundles: Option<Program>,
+}
+
+impl Programs {
+    fn build(device: &Device, features: &Features, depth: u32, walks: Walks) -> Result<Programs> {
+        let build = |walk| {
+            Program::build(device, "foveate", &source::text(), &source::options(features, depth, walk))
+        };
+        let bundles = (walks.bundles != walks.pixels).then(|| build(walks.bundles)).transpose()?;
+        Ok(Programs { walks, pixels: build(walks.pixels)?, bundles })
+    }
+}
+
 impl Tracer {
     /// Builds the kernels that the scene requires and uploads it.
     ///
@@ -121,54 +139,50 @@ impl Tracer {
         Self::with_features(device, scene, bvh, environment, &features, Walk::for_device(device))
     }
 
-    /// Builds a variant of the kernels that a packed scene requires, has the device show that they work, and
+    /// Builds the variants of the kernels that a packed scene requires, has the device show that they work, and
     /// uploads the scene.
     ///
     /// # Errors
     /// Where the kernels do not build, the device computes something else than it should, or the scene does
     /// not fit.
-    pub fn open(device: &Device, data: &SceneData, walk: Walk) -> Result<Self> {
-        data.check_fit(device, walk)?;
-        let program = Self::build(device, &data.features, data.depth, walk)?;
-        super::self_test::run(device, &program, &data.features, walk)?;
-        Self::with_program(device, &program, data, &data.features, walk)
-    }
-
-    fn build(device: &Device, features: &Features, depth: u32, walk: Walk) -> Result<Program> {
-        Program::build(device, "foveate", &source::text(), &source::options(features, depth, walk))
+    pub fn open(device: &Device, data: &SceneData, walks: Walks) -> Result<Self> {
+        data.check_fit(device, walks)?;
+        let programs = Programs::build(device, &data.features, data.depth, walks)?;
+        super::self_test::run(device, &programs, &data.features)?;
+        Self::with_programs(device, &programs, data, &data.features)
     }
 
     /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
-    /// given variant.
+    /// given variants.
     pub fn with_features(
         device: &Device,
         scene: &Scene,
         bvh: &WideBvh,
         environment: &Environment,
         features: &Features,
-        walk: Walk,
+        walks: impl Into<Walks>,
     ) -> Result<Self> {
         let data = SceneData::pack(scene, bvh, environment)?;
-        let program = Self::build(device, features, data.depth, walk)?;
-        Self::with_program(device, &program, &data, features, walk)
+        let programs = Programs::build(device, features, data.depth, walks.into())?;
+        Self::with_programs(device, &programs, &data, features)
     }
 
-    pub(super) fn with_program(
+    pub(super) fn with_programs(
         device: &Device,
-        program: &Program,
+        programs: &Programs,
         data: &SceneData,
         features: &Features,
-        walk: Walk,
     ) -> Result<Self> {
+        let program = &programs.pixels;
         Ok(Tracer {
-            scene: SceneBuffers::upload(device, data, walk)?,
-            walk,
+            scene: SceneBuffers::upload(device, data, programs.walks)?,
+            walks: programs.walks,
             anchor: data.anchor,
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
             share_edges: program.kernel("share_edges")?,
-            shade_samples: program.kernel("shade_samples")?,
+            shade_samples: programs.bundles.as_ref().unwrap_or(program).kernel("shade_samples")?,
             pack_visibility: program.kernel("pack_visibility")?,
             light_pixels: features.sun.then(|| program.kernel("light_pixels")).transpose()?,
             counters: Buffer::new(device, 2)?,
@@ -309,7 +323,7 @@ impl Tracer {
             Arg::buffer(records),
             Arg::buffer(&packed),
         ];
-        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, self.walk.group())?;
+        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, self.walks.pixels.group())?;
         packed.to_vec()
     }
 
@@ -376,14 +390,14 @@ impl Tracer {
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Vec<Event>> {
         let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
-        let group = self.walk.group();
+        let group = self.walks.pixels.group();
         let blocks = count as usize * BLOCKS_PER_TILE;
-        let mut args = self.scene.args();
+        let mut args = self.scene.args(self.walks.pixels);
         args.push(Arg::value(camera));
         args.extend(tiles);
         args.push(Arg::buffer(&self.hits));
-        let trace = self.trace_pixels.launch(&args, self.walk.items_of_blocks(blocks), group)?;
-        let mut args = self.scene.args();
+        let trace = self.trace_pixels.launch(&args, self.walks.pixels.items_of_blocks(blocks), group)?;
+        let mut args = self.scene.args(self.walks.pixels);
         args.extend([Arg::value(camera), Arg::value(shading)]);
         args.extend(tiles);
         args.extend([Arg::buffer(&self.hits), Arg::buffer(records)]);
@@ -406,7 +420,7 @@ impl Tracer {
         part: &Part,
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Event> {
-        let mut args = self.scene.args();
+        let mut args = self.scene.args(self.walks.pixels);
         args.extend([
             Arg::value(camera),
             Arg::U32(rays),
@@ -417,7 +431,7 @@ impl Tracer {
             Arg::buffer(records),
             Arg::buffer(&self.counters),
         ]);
-        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.walk.group())
+        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.walks.pixels.group())
     }
 
     fn trace_only_samples(
@@ -426,7 +440,7 @@ impl Tracer {
         pattern: &TracePattern,
         part: &Part,
     ) -> Result<Event> {
-        let mut args = self.scene.args();
+        let mut args = self.scene.args(self.walks.pixels);
         args.extend([
             Arg::value(camera),
             Arg::buffer(&pattern.samples),
@@ -434,8 +448,8 @@ impl Tracer {
             Arg::U32(part.samples.len() as u32),
             Arg::buffer(&self.hits),
         ]);
-        let items = self.walk.items_of_samples(part.samples.len());
-        self.trace_samples.launch(&args, items, self.walk.group())
+        let items = self.walks.pixels.items_of_samples(part.samples.len());
+        self.trace_samples.launch(&args, items, self.walks.pixels.group())
     }
 
     fn shade(
@@ -447,7 +461,7 @@ impl Tracer {
         visibility: Option<&Buffer<VisibilityRecord>>,
         samples: &Buffer<SampleRecord>,
     ) -> Result<Event> {
-        let mut args = self.scene.args();
+        let mut args = self.scene.args(self.walks.bundles);
         args.extend([
             Arg::value(camera),
             Arg::value(shading),
@@ -459,7 +473,7 @@ impl Tracer {
             Arg::buffer(samples),
             Arg::buffer(&self.counters),
         ]);
-        self.shade_samples.launch(&args, part.samples.len(), self.walk.group())
+        self.shade_samples.launch(&args, part.samples.len(), self.walks.bundles.group())
     }
 }
 

@@ -3,13 +3,35 @@
 use crate::gpu::opencl::Device;
 
 /// A variant of the kernels. All find the same hits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Walk {
     /// Rays that belong together share a work-item, and vector lanes test eight boxes or triangles: for processors.
     Together,
     /// A work-item follows one ray after the other through compact nodes: for graphics processors.
     Alone,
+}
+
+/// The variants for both kinds of rays. Where they differ, a device holds the tree in both forms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Walks {
+    /// For rays that pixels send: camera rays, the rays of edges, and those that ask for the sun.
+    pub pixels: Walk,
+    /// For the light rays of samples.
+    pub bundles: Walk,
+}
+
+impl From<Walk> for Walks {
+    fn from(walk: Walk) -> Walks {
+        Walks { pixels: walk, bundles: walk }
+    }
+}
+
+impl Walks {
+    /// Whether any rays use a variant.
+    pub fn contain(self, walk: Walk) -> bool {
+        self.pixels == walk || self.bundles == walk
+    }
 }
 
 impl Walk {

@@ -10,6 +10,7 @@ fn bench_measures_every_kind_of_ray() {
     let folder = folder();
     let told = foveate(folder.path(), &format!("bench scene.glb --json --cold {FEW}")).succeeds().json();
     assert_eq!((&told["triangles"], &told["bvh"]["depth"]), (&json!(8), &json!(1)));
+    assert!(told["bvh"]["refit_ms"].as_f64().unwrap() > 0.0, "{told}");
     let devices = told["devices"].as_array().unwrap();
     assert!(!devices.is_empty(), "{told}");
     assert_eq!(devices.len() % 2, 0, "two variants on each: {told}");

@@ -15,7 +15,7 @@ use foveate::gpu::vulkan::Context;
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::generate::voxel_town;
-use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData, Walk};
+use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData, Walk, Walks};
 use glam::{DVec2, DVec3};
 
 use hands::{Failing, Fault};
@@ -84,7 +84,7 @@ fn opener(
     (
         name,
         Box::new(move |times| {
-            Ok(wrap(DeviceHand::new(&device, &data, Walk::for_device(&device), false)?, times))
+            Ok(wrap(DeviceHand::new(&device, &data, Walk::for_device(&device).into(), false)?, times))
         }),
     )
 }
@@ -165,7 +165,7 @@ fn devices_with_different_kernels_share_a_picture() {
     let scene = data(&loaded);
     let config = config(Method::Guided);
     let truth = alone(&Device::open(&info).unwrap(), &context, &loaded, &config, 2);
-    let walking: Vec<_> = parts.into_iter().zip(Walk::ALL).collect();
+    let walking: Vec<_> = parts.into_iter().zip(Walk::ALL.map(Walks::from)).collect();
     let fleet = Fleet::of_devices(&walking, &scene, false).unwrap();
     let made = Renderer::with_crew(Crew::new(fleet, None), &context, &loaded, &config, Output::Display);
     let found = pictures(&mut made.unwrap().0, &plan(&loaded), 2);
@@ -225,6 +225,7 @@ fn devices_that_cannot_be_used_are_left_out_with_a_sentence() {
     assert!(notes.len() == 1 && notes[0].starts_with("a small one: the scene needs"), "{notes:?}");
     let found = pictures(&mut renderer, &plan(&loaded), 1);
     assert_eq!(found[0].1.devices[1].samples, 0);
-    let error = Fleet::of_devices(&[(small, Walk::Together)], &scene, false).err().unwrap().to_string();
+    let error =
+        Fleet::of_devices(&[(small, Walk::Together.into())], &scene, false).err().unwrap().to_string();
     assert!(error.contains("a small one: the scene needs"), "{error}");
 }

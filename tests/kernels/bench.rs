@@ -9,7 +9,7 @@ use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{Environment, Features, Scene};
-use foveate::trace::{Settings, Tracer, Walk};
+use foveate::trace::{Settings, Tracer, Walk, Walks};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
@@ -78,6 +78,18 @@ impl Bench {
         walk: Walk,
     ) -> Self {
         let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+        Self::over(device, scene, environment, features, walk, bvh)
+    }
+
+    /// With a tree that is there already.
+    pub fn over(
+        device: &Device,
+        scene: &Scene,
+        environment: &Environment,
+        features: &Features,
+        walk: impl Into<Walks>,
+        bvh: WideBvh,
+    ) -> Self {
         let tracer = Tracer::with_features(device, scene, &bvh, environment, features, walk).unwrap();
         Bench { bvh, tracer, device: device.clone() }
     }

@@ -1,10 +1,11 @@
 //! Camera rays: what the kernels hit against what the reference allows.
 
+use foveate::bvh::WideBvh;
 use foveate::gpu::opencl::Device;
 use foveate::math::view::View;
 use foveate::reference::{self, Tracer};
 use foveate::scene::{Environment, Scene};
-use foveate::trace::Walk;
+use foveate::trace::{Walk, Walks};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -206,6 +207,69 @@ fn sponza_is_hit_where_the_reference_says() {
         let scene = Scene::load(&path).unwrap();
         let eye = scene.anchor + DVec3::new(-6.0, 2.0, 0.3);
         check(device, "Sponza", &scene, &view(eye, eye + DVec3::new(1.0, 0.1, -0.2), 75.0, (320, 200)));
+    });
+}
+
+/// A tree that was built before everything moved finds what the reference does, in both of its forms; and one
+/// that was not refitted does not.
+#[test]
+fn refitted_trees_are_hit_where_the_reference_says() {
+    on_every_device(|device| {
+        let before = scenes::soup(8, 700, 1.0);
+        let built = WideBvh::build(&before.mesh.positions, &before.mesh.triangles);
+        type Motion = fn(Vec3) -> Vec3;
+        let motions: [(&str, Motion); 3] = [
+            ("twisted", |p| glam::Quat::from_rotation_y(0.4 * p.y) * p + Vec3::new(0.5, 0.0, 0.2)),
+            ("flattened", |p| Vec3::new(p.x, 0.02 * p.y, p.z)),
+            ("stretched", |p| Vec3::new(40.0 * p.x, p.y, 0.1 * p.z)),
+        ];
+        for (name, motion) in motions {
+            let mut scene = before.clone();
+            scene.mesh.positions.iter_mut().for_each(|p| *p = motion(*p));
+            let view = view(DVec3::new(9.0, 4.0, 13.0), DVec3::ZERO, 60.0, SIZE);
+            let trace = |bvh: WideBvh, walk: Walk, guided: bool| {
+                let light = Environment::constant(Vec3::ONE);
+                let settings = foveate::trace::Settings { rays: 1, guided, ..PLAIN };
+                let mut bench = Bench::over(device, &scene, &light, &EVERYTHING, walk, bvh);
+                disagreements(&scene, &view, &bench.trace(&view, &settings, &all_pixels(&view)))
+            };
+            let mut tree = built.clone();
+            let growth = tree.refit(&scene.mesh.positions, &scene.mesh.triangles).unwrap().growth();
+            for (walk, guided) in Walk::ALL.into_iter().flat_map(|walk| [(walk, false), (walk, true)]) {
+                let (hits, wrong) = trace(tree.clone(), walk, guided);
+                println!("{name}, {}: {hits} hits, {growth:.2} times the cost", walk.name());
+                assert!(hits > view.pixels() / 100, "{name}: too few hits to tell");
+                assert_eq!(wrong.first(), None, "{name}: {} of {} rays", wrong.len(), view.pixels());
+            }
+            let (_, wrong) = trace(built.clone(), Walk::for_device(device), false);
+            assert!(!wrong.is_empty(), "{name}: the old boxes would do as well");
+        }
+    });
+}
+
+/// Rays of pixels and of samples may use different variants, and the picture stays the same.
+#[test]
+fn variants_may_differ_by_kind_of_ray() {
+    on_every_device(|device| {
+        let scene = scenes::sphere(4, Vec3::ZERO, 1.0, matt(0.5));
+        let view = view(DVec3::new(0.0, 0.5, 3.0), DVec3::ZERO, 50.0, SIZE);
+        let light = Environment::constant(Vec3::ONE);
+        let trace = |walks: Walks, guided: bool| {
+            let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+            let settings = foveate::trace::Settings { guided, ..PLAIN };
+            let mut bench = Bench::over(device, &scene, &light, &EVERYTHING, walks, bvh);
+            bench.trace(&view, &settings, &all_pixels(&view))
+        };
+        for guided in [false, true] {
+            let plain = trace(Walk::Together.into(), guided);
+            for (pixels, bundles) in [(Walk::Together, Walk::Alone), (Walk::Alone, Walk::Together)] {
+                let mixed = trace(Walks { pixels, bundles }, guided);
+                assert_eq!(mixed.rays, plain.rays);
+                let differ = mixed.samples.iter().zip(&plain.samples).filter(|(a, b)| a != b).count();
+                // Hits are the same; their distances may round differently.
+                assert!(differ * 100 <= plain.samples.len(), "{differ} of {}", plain.samples.len());
+            }
+        }
     });
 }
 

@@ -67,7 +67,7 @@ impl<'a> Stages<'a> {
         Stages {
             device,
             program: Program::build(device, "stages", &text, &options).unwrap(),
-            buffers: SceneBuffers::upload(device, &data, Walk::Together).unwrap(),
+            buffers: SceneBuffers::upload(device, &data, Walk::Together.into()).unwrap(),
         }
     }
 
@@ -82,7 +82,7 @@ impl<'a> Stages<'a> {
     ) -> Vec<T> {
         let found = Buffer::<T>::new(self.device, out).unwrap();
         found.write(&vec![T::zeroed(); out]).unwrap();
-        let mut all = if scene { self.buffers.args() } else { Vec::new() };
+        let mut all = if scene { self.buffers.args(Walk::Together) } else { Vec::new() };
         all.extend(args);
         all.push(Arg::buffer(&found));
         self.program.kernel(kernel).unwrap().launch(&all, count, 8).unwrap();

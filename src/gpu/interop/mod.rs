@@ -1,13 +1,14 @@
 //! Memory that OpenCL writes and Vulkan reads: the samples on their way from one to the other.
 //!
 //! Where a probe at start proves that both see the same bytes, nothing is copied: a mapped Vulkan
-//! allocation is given to OpenCL as its own (`CL_MEM_USE_HOST_PTR`). Elsewhere the results are read
-//! back into that allocation, which is affordable since only samples cross, never pictures.
+//! allocation is given to OpenCL as its own (`CL_MEM_USE_HOST_PTR`) by devices that use the host's memory,
+//! and imported from an opaque file descriptor where both APIs list that for one and the same device. Elsewhere
+//! the results are read back into that allocation, which is affordable since only samples cross, never pictures.
 #![allow(unsafe_code)]
 
 use bytemuck::Pod;
 
-use super::opencl::{Arg, Buffer, Device, Program};
+use super::opencl::{Arg, Buffer, Device, OPAQUE_FD, Program};
 use super::vulkan::{BufferRef, Commands, Context, HostBuffer};
 use crate::error::Result;
 
@@ -30,6 +31,49 @@ impl std::fmt::Display for Sharing {
     }
 }
 
+/// How OpenCL gets at memory that Vulkan has allocated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    /// It uses the mapping in place.
+    HostMemory,
+    /// It imports a descriptor of it.
+    OpaqueFd,
+}
+
+/// What both sides say of themselves.
+struct Facts {
+    uses_host_memory: bool,
+    imports_fd: bool,
+    exports_fd: bool,
+    is_one_device: bool,
+}
+
+impl Facts {
+    fn of(device: &Device, context: &Context) -> Facts {
+        let (info, report) = (device.info(), context.report());
+        let uuid: String = report.uuid.iter().map(|byte| format!("{byte:02x}")).collect();
+        Facts {
+            uses_host_memory: info.host_unified,
+            imports_fd: info.external_memory.iter().any(|name| name == OPAQUE_FD),
+            exports_fd: report.exports_fd,
+            is_one_device: info.uuid.as_ref() == Some(&uuid),
+        }
+    }
+
+    /// The way to try, or why there is none. Only a device that says it shares the host's memory is asked to use
+    /// that in place: elsewhere a driver may hold a copy of its own behind the pointer, and be right or wrong from
+    /// one launch to the next.
+    fn way(&self) -> std::result::Result<Way, &'static str> {
+        match self {
+            Facts { uses_host_memory: true, .. } => Ok(Way::HostMemory),
+            Facts { imports_fd: false, .. } => Err("OpenCL's driver imports no memory by opaque descriptors"),
+            Facts { exports_fd: false, .. } => Err("Vulkan's driver exports no memory by opaque descriptors"),
+            Facts { is_one_device: false, .. } => Err("OpenCL and Vulkan use different devices"),
+            _ => Ok(Way::OpaqueFd),
+        }
+    }
+}
+
 /// `len` elements that OpenCL devices deliver and Vulkan reads.
 pub struct Shared<T> {
     // Declared before `host`: OpenCL lets go of the memory before it is freed.
@@ -46,12 +90,25 @@ impl<T: Pod> Shared<T> {
     /// [`crate::Error::Device`] where either device has no room.
     pub fn new(direct: Option<&Device>, context: &Context, len: usize) -> Result<Self> {
         let len = len.max(1);
-        let host = HostBuffer::new(context, len * size_of::<T>())?;
-        let opencl = direct
-            // SAFETY: the mapping is at least that long and lives as long as `host`, which is dropped after
-            // the buffer; the host reads it only after the device has finished.
-            .map(|device| unsafe { Buffer::from_host_memory(device, host.as_ptr().cast(), len) })
-            .transpose()?;
+        let size = len * size_of::<T>();
+        let way = direct.and_then(|device| Some((device, Facts::of(device, context).way().ok()?)));
+        let (host, opencl) = match way {
+            None => (HostBuffer::new(context, size)?, None),
+            Some((device, Way::HostMemory)) => {
+                let host = HostBuffer::new(context, size)?;
+                // SAFETY: the mapping is at least that long and lives as long as `host`, which is dropped after
+                // the buffer; the host reads it only after the device has finished.
+                let opencl = unsafe { Buffer::from_host_memory(device, host.as_ptr().cast(), len) }?;
+                (host, Some(opencl))
+            }
+            Some((device, Way::OpaqueFd)) => {
+                let (host, fd) = HostBuffer::exported(context, size)?;
+                // SAFETY: the memory is at least that long; Vulkan and the host read it only after the device
+                // has released it and finished.
+                let opencl = unsafe { Buffer::from_opaque_fd(device, fd, len) }?;
+                (host, Some(opencl))
+            }
+        };
         Ok(Shared { opencl, host, len })
     }
 
@@ -99,11 +156,29 @@ __kernel void probe(__global uint *out, uint count, uint seed)
 /// Finds out whether both devices can use one memory, by writing a pattern with one and reading it
 /// with the other, twice. Anything but the right bytes means [`Sharing::Staged`].
 pub fn probe(device: &Device, context: &Context) -> Sharing {
-    // Only a device that says it shares the host's memory is asked: elsewhere a driver may hold a
-    // copy of its own behind the pointer, and be right or wrong from one launch to the next.
-    let proven =
-        device.info().host_unified && (0..2).all(|seed| sees_the_same(device, context, seed + 1) == Ok(true));
-    if proven { Sharing::ZeroCopy } else { Sharing::Staged }
+    explain(device, context).0
+}
+
+/// [`probe`], and why, in a few words.
+pub fn explain(device: &Device, context: &Context) -> (Sharing, String) {
+    let way = match Facts::of(device, context).way() {
+        Ok(way) => way,
+        Err(why) => return (Sharing::Staged, why.to_string()),
+    };
+    let what = match way {
+        Way::HostMemory => "in the host's memory",
+        Way::OpaqueFd => "in memory that Vulkan exports and OpenCL imports",
+    };
+    for seed in 1..=2 {
+        match sees_the_same(device, context, seed) {
+            Ok(true) => {}
+            Ok(false) => {
+                return (Sharing::Staged, format!("{what} one reads other bytes than the other wrote"));
+            }
+            Err(problem) => return (Sharing::Staged, format!("{what} it fails: {problem}")),
+        }
+    }
+    (Sharing::ZeroCopy, what.to_string())
 }
 
 /// Whether Vulkan reads what OpenCL wrote. An error's text is all that is left of an error here, since
@@ -113,7 +188,10 @@ fn sees_the_same(device: &Device, context: &Context, seed: u32) -> std::result::
         let program = Program::build(device, "probe", PROBE_SOURCE, "-cl-std=CL1.2")?;
         let kernel = program.kernel("probe")?;
         let shared: Shared<u32> = Shared::new(Some(device), context, PROBE)?;
-        kernel.launch(&[Arg::optional(&shared.opencl), Arg::U32(PROBE as u32), Arg::U32(seed)], PROBE, 64)?;
+        let Some(buffer) = shared.opencl() else { return Ok(false) };
+        buffer.acquire()?;
+        kernel.launch(&[Arg::buffer(buffer), Arg::U32(PROBE as u32), Arg::U32(seed)], PROBE, 64)?;
+        buffer.release()?;
         device.finish()?;
         let copy = HostBuffer::new(context, PROBE * 4)?;
         let mut commands = Commands::new(context)?;
@@ -125,4 +203,49 @@ fn sees_the_same(device: &Device, context: &Context, seed: u32) -> std::result::
         Ok(copy.read::<u32>(0, PROBE).iter().enumerate().all(|(i, &value)| value == expected(i)))
     };
     run().map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{opencl, vulkan};
+    use super::*;
+
+    #[test]
+    fn extensions_and_identity_decide_what_is_tried() {
+        let all =
+            || Facts { uses_host_memory: false, imports_fd: true, exports_fd: true, is_one_device: true };
+        assert_eq!(all().way(), Ok(Way::OpaqueFd));
+        assert_eq!(Facts { uses_host_memory: true, ..all() }.way(), Ok(Way::HostMemory));
+        for (facts, why) in [
+            (Facts { imports_fd: false, ..all() }, "imports"),
+            (Facts { exports_fd: false, ..all() }, "exports"),
+            (Facts { is_one_device: false, ..all() }, "different"),
+        ] {
+            assert!(facts.way().unwrap_err().contains(why));
+        }
+    }
+
+    /// Drivers for processors import nothing: they refuse what Vulkan exports, and close it.
+    #[test]
+    fn a_driver_that_imports_nothing_refuses_what_vulkan_exports() {
+        let Some(context) = vulkan::testing::context() else { return };
+        let infos = opencl::device::list();
+        let imports = |info: &&opencl::DeviceInfo| info.external_memory.iter().any(|name| name == OPAQUE_FD);
+        let Some(info) = infos.iter().find(|info| info.unusable.is_none() && !imports(info)) else {
+            println!("not run: there is no OpenCL device that imports nothing");
+            return;
+        };
+        let Ok((_memory, fd)) = HostBuffer::exported(&context, 4096) else {
+            println!("not run: {} exports no memory", context.report().name);
+            return;
+        };
+        let device = Device::open(info).unwrap();
+        // SAFETY: the memory holds 1024 numbers, and nobody else uses it.
+        let refused = unsafe { Buffer::<u32>::from_opaque_fd(&device, fd, 1024) };
+        assert!(refused.unwrap_err().to_string().contains("file descriptors"));
+        let (sharing, why) = explain(&device, &context);
+        println!("{sharing}: {why}");
+        assert!(!why.is_empty());
+        vulkan::testing::assert_valid(&context);
+    }
 }

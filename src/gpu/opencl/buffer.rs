@@ -3,11 +3,13 @@
 
 use std::ffi::c_void;
 use std::marker::PhantomData;
+use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
 
 use bytemuck::Pod;
 use cl3::types::cl_mem;
 
 use super::Device;
+use super::external::{Handover, OPAQUE_FD};
 use crate::error::Result;
 
 /// A buffer of `len` elements of `T`; released when dropped.
@@ -17,6 +19,8 @@ pub struct Buffer<T> {
     memory: cl_mem,
     len: usize,
     element: PhantomData<T>,
+    /// Exists where another API has allocated the memory.
+    handover: Option<Handover>,
 }
 
 // SAFETY: cl_mem handles may be used from any thread (OpenCL 1.2, appendix A.2).
@@ -54,12 +58,66 @@ impl<T: Pod> Buffer<T> {
         Self::create(device, flags, len, host.cast())
     }
 
+    /// A buffer at the start of memory that another API has exported as an opaque file descriptor. Kernels may use
+    /// it between [`Buffer::acquire`] and [`Buffer::release`].
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device does not list [`OPAQUE_FD`], or refuses the memory.
+    ///
+    /// # Safety
+    /// The memory must hold `len` elements, and nobody else may touch them while the device has acquired them.
+    pub unsafe fn from_opaque_fd(device: &Device, fd: OwnedFd, len: usize) -> Result<Self> {
+        const CL_INVALID_OPERATION: i32 = -59;
+        const HANDLE_OPAQUE_FD: u64 = 0x2060;
+        const DEVICE_LIST: u64 = 0x2051;
+        if !device.info().external_memory.iter().any(|name| name == OPAQUE_FD) {
+            return Err(device.failed("imports no memory by file descriptors", CL_INVALID_OPERATION));
+        }
+        let handover = Handover::of(device)?;
+        let fd = fd.into_raw_fd();
+        // Both lists end with zero.
+        let properties = [HANDLE_OPAQUE_FD, fd as u64, DEVICE_LIST, device.id() as u64, 0, 0];
+        // SAFETY: the properties are a list of pairs with its end, and there is no host memory.
+        let made = unsafe {
+            cl3::memory::create_buffer_with_properties(
+                device.context(),
+                properties.as_ptr(),
+                cl3::memory::CL_MEM_READ_WRITE,
+                len * size_of::<T>(),
+                std::ptr::null_mut(),
+            )
+        };
+        let memory = made.map_err(|error| {
+            // SAFETY: a descriptor that was not imported is still ours, and is closed here.
+            drop(unsafe { OwnedFd::from_raw_fd(fd) });
+            device.failed("refuses shared memory", error)
+        })?;
+        let handover = Some(handover);
+        Ok(Buffer { device: device.clone(), memory, len, element: PhantomData, handover })
+    }
+
+    /// Takes memory of another API over, before kernels are launched that use it. Nothing else needs it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] with the driver's code.
+    pub fn acquire(&self) -> Result<()> {
+        self.handover.map_or(Ok(()), |handover| handover.acquire(&self.device, self.memory))
+    }
+
+    /// Hands memory of another API back, after those kernels were launched; it has it when the queue has finished.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] with the driver's code.
+    pub fn release(&self) -> Result<()> {
+        self.handover.map_or(Ok(()), |handover| handover.release(&self.device, self.memory))
+    }
+
     fn create(device: &Device, flags: u64, len: usize, host: *mut c_void) -> Result<Self> {
         let bytes = len * size_of::<T>();
         // SAFETY: `host` is null or valid for `bytes` bytes (this room's callers see to it).
         let memory = unsafe { cl3::memory::create_buffer(device.context(), flags, bytes, host) }
             .map_err(|e| device.failed(&format!("has no room for a buffer of {} MiB", bytes >> 20), e))?;
-        Ok(Buffer { device: device.clone(), memory, len, element: PhantomData })
+        Ok(Buffer { device: device.clone(), memory, len, element: PhantomData, handover: None })
     }
 
     /// Number of elements.
@@ -92,7 +150,7 @@ impl<T: Pod> Buffer<T> {
                 std::ptr::null(),
             )
         };
-        self.release(event.map_err(|e| self.device.failed("refuses a write", e))?);
+        self.forget(event.map_err(|e| self.device.failed("refuses a write", e))?);
         Ok(())
     }
 
@@ -121,7 +179,7 @@ impl<T: Pod> Buffer<T> {
                 std::ptr::null(),
             )
         };
-        self.release(event.map_err(|e| self.device.failed("refuses a read", e))?);
+        self.forget(event.map_err(|e| self.device.failed("refuses a read", e))?);
         Ok(())
     }
 
@@ -132,7 +190,7 @@ impl<T: Pod> Buffer<T> {
         Ok(data)
     }
 
-    fn release(&self, event: cl3::types::cl_event) {
+    fn forget(&self, event: cl3::types::cl_event) {
         // SAFETY: the event was just returned and is released once.
         let _ = unsafe { cl3::event::release_event(event) };
     }

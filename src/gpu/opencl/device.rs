@@ -41,6 +41,13 @@ pub struct DeviceInfo {
     platform_id: Handle,
 }
 
+impl DeviceInfo {
+    /// Whether both are the same device of the same driver.
+    pub fn is(&self, other: &DeviceInfo) -> bool {
+        self.id.0 == other.id.0
+    }
+}
+
 /// An OpenCL object's address, which is only ever handed back to OpenCL.
 #[derive(Clone, Copy, Debug)]
 struct Handle(*mut std::ffi::c_void);
@@ -226,6 +233,10 @@ impl Device {
 
     pub(super) fn context(&self) -> cl_context {
         self.0.context.0
+    }
+
+    pub(super) fn platform(&self) -> cl_platform_id {
+        self.0.info.platform_id.0
     }
 
     pub(super) fn queue(&self) -> cl_command_queue {

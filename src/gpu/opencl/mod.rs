@@ -5,11 +5,13 @@
 
 pub mod buffer;
 pub mod device;
+mod external;
 pub mod kernel;
 pub mod program;
 
 pub use buffer::Buffer;
 pub use device::{Device, DeviceInfo};
+pub use external::OPAQUE_FD;
 pub use kernel::{Arg, Event, Kernel};
 pub use program::Program;
 

@@ -1,6 +1,7 @@
 //! Buffers.
 #![allow(unsafe_code)]
 
+use std::os::fd::{FromRawFd, OwnedFd};
 use std::ptr::NonNull;
 use std::sync::{Arc, Mutex};
 
@@ -50,20 +51,35 @@ const STORAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
         | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
 );
 
+/// Who reaches an allocation beside the device.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Reach {
+    Device,
+    /// The host, from a page boundary on.
+    Host,
+    /// The host, and other APIs by a file descriptor: the buffer starts where the memory does.
+    Exported,
+}
+
 impl Allocation {
     /// `wishes` are sets of memory properties, best first; the last is required.
-    fn new(context: &Context, size: u64, wishes: &[vk::MemoryPropertyFlags], host: bool) -> Result<Self> {
+    fn new(context: &Context, size: u64, wishes: &[vk::MemoryPropertyFlags], reach: Reach) -> Result<Self> {
         let device = &context.0.device;
         let size = size.max(16).next_multiple_of(16);
-        let info = vk::BufferCreateInfo::default().size(size).usage(STORAGE);
+        let exported = reach == Reach::Exported;
+        let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(OPAQUE_FD);
+        let mut info = vk::BufferCreateInfo::default().size(size).usage(STORAGE);
+        if exported {
+            info = info.push_next(&mut external);
+        }
         // SAFETY: the size is not zero.
         let buffer = unsafe { device.create_buffer(&info, None) }
             .map_err(|code| context.refused(&format!("a buffer of {size} bytes"), code))?;
         // SAFETY: the buffer was made by this device.
         let needs = unsafe { device.get_buffer_memory_requirements(buffer) };
         // Room to begin at the next page.
-        let room = needs.size + if host { HOST_ALIGNMENT as u64 } else { 0 };
-        let allocated = allocate(context, room, needs.memory_type_bits, wishes);
+        let room = needs.size + if reach == Reach::Host { HOST_ALIGNMENT as u64 } else { 0 };
+        let allocated = allocate_for(context, room, needs.memory_type_bits, wishes, exported);
         let (memory, kind) = match allocated {
             Ok(allocated) => allocated,
             Err(error) => {
@@ -84,11 +100,25 @@ impl Allocation {
             mapped: None,
             copying: Mutex::new(()),
         };
-        let offset = if host { allocation.map(needs.alignment)? } else { 0 };
+        let offset = match reach {
+            Reach::Device => 0,
+            Reach::Host => allocation.map(needs.alignment)?,
+            Reach::Exported => allocation.map_whole()?,
+        };
         // SAFETY: offset and size lie within the memory, aligned as the buffer requires.
         unsafe { device.bind_buffer_memory(buffer, memory, offset) }
             .map_err(|code| context.refused("binding memory", code))?;
         Ok(allocation)
+    }
+
+    /// Maps the memory from its start, which is the buffer's.
+    fn map_whole(&mut self) -> Result<u64> {
+        let device = &self.context.0.device;
+        // SAFETY: the memory is visible to the host and not mapped yet.
+        let start = unsafe { device.map_memory(self.memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) }
+            .map_err(|code| self.context.refused("mapping memory", code))?;
+        self.mapped = NonNull::new(start.cast::<u8>());
+        Ok(0)
     }
 
     /// Maps the memory, and returns the offset of its first page boundary.
@@ -111,11 +141,23 @@ impl Allocation {
     }
 }
 
+const OPAQUE_FD: vk::ExternalMemoryHandleTypeFlags = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+
 pub(super) fn allocate(
     context: &Context,
     size: u64,
     types: u32,
     wishes: &[vk::MemoryPropertyFlags],
+) -> Result<(vk::DeviceMemory, u32)> {
+    allocate_for(context, size, types, wishes, false)
+}
+
+fn allocate_for(
+    context: &Context,
+    size: u64,
+    types: u32,
+    wishes: &[vk::MemoryPropertyFlags],
+    exported: bool,
 ) -> Result<(vk::DeviceMemory, u32)> {
     let memory = &context.0.memory;
     let kinds = &memory.memory_types[..memory.memory_type_count as usize];
@@ -124,7 +166,11 @@ pub(super) fn allocate(
     };
     let mut code = vk::Result::ERROR_FEATURE_NOT_PRESENT;
     for kind in wishes.iter().filter_map(find) {
-        let info = vk::MemoryAllocateInfo::default().allocation_size(size).memory_type_index(kind as u32);
+        let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(OPAQUE_FD);
+        let mut info = vk::MemoryAllocateInfo::default().allocation_size(size).memory_type_index(kind as u32);
+        if exported {
+            info = info.push_next(&mut export);
+        }
         // SAFETY: the type is one of the device's.
         match unsafe { context.0.device.allocate_memory(&info, None) } {
             Ok(memory) => return Ok((memory, kind as u32)),
@@ -153,11 +199,38 @@ impl HostBuffer {
             base | vk::MemoryPropertyFlags::HOST_CACHED,
             base,
         ];
-        let allocation = Allocation::new(context, size as u64, &wishes, true)?;
+        let allocation = Allocation::new(context, size as u64, &wishes, Reach::Host)?;
         let buffer = HostBuffer(Arc::new(allocation));
         // SAFETY: the mapping holds `size` bytes, and no one else has it yet.
         unsafe { buffer.as_ptr().write_bytes(0, buffer.len()) };
         Ok(buffer)
+    }
+
+    /// A buffer that other APIs can use too, on the device's own memory where the host reaches that, and a
+    /// descriptor of its memory. Its address has no alignment of note.
+    ///
+    /// # Errors
+    /// [`Error::Device`] where the device exports no such memory, or has not enough of it.
+    pub fn exported(context: &Context, size: usize) -> Result<(Self, OwnedFd)> {
+        if !context.report().exports_fd || !exports_storage(context) {
+            return Err(context.refused("exporting memory", vk::Result::ERROR_FEATURE_NOT_PRESENT));
+        }
+        let base = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+        let wishes =
+            [base | vk::MemoryPropertyFlags::DEVICE_LOCAL, base | vk::MemoryPropertyFlags::HOST_CACHED, base];
+        let allocation = Allocation::new(context, size as u64, &wishes, Reach::Exported)?;
+        let functions = ash::khr::external_memory_fd::Device::new(&context.0.instance, &context.0.device);
+        let info = vk::MemoryGetFdInfoKHR::default().memory(allocation.memory).handle_type(OPAQUE_FD);
+        // SAFETY: the memory was allocated for export as this kind of handle, and the extension is enabled
+        // wherever it is listed.
+        let fd = unsafe { functions.get_memory_fd(&info) }
+            .map_err(|code| context.refused("exporting memory", code))?;
+        // SAFETY: Vulkan hands the descriptor over to the caller.
+        let fd = unsafe { OwnedFd::from_raw_fd(fd) };
+        let buffer = HostBuffer(Arc::new(allocation));
+        // SAFETY: the mapping holds the buffer's bytes, and no one else has it yet.
+        unsafe { buffer.as_ptr().write_bytes(0, buffer.len()) };
+        Ok((buffer, fd))
     }
 
     /// Bytes: at least those asked for.
@@ -218,6 +291,23 @@ impl HostBuffer {
     }
 }
 
+/// Whether storage buffers can be exported as opaque descriptors, without an allocation of a kind of its own.
+fn exports_storage(context: &Context) -> bool {
+    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(STORAGE).handle_type(OPAQUE_FD);
+    let mut found = vk::ExternalBufferProperties::default();
+    // SAFETY: the physical device belongs to the instance, which offers Vulkan 1.1.
+    unsafe {
+        context.0.instance.get_physical_device_external_buffer_properties(
+            context.0.physical_device,
+            &info,
+            &mut found,
+        );
+    }
+    let features = found.external_memory_properties.external_memory_features;
+    features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
+        && !features.contains(vk::ExternalMemoryFeatureFlags::DEDICATED_ONLY)
+}
+
 /// Memory that only the device reaches. Clones are the same memory.
 #[derive(Clone)]
 pub struct DeviceBuffer(pub(super) Arc<Allocation>);
@@ -229,7 +319,7 @@ impl DeviceBuffer {
     /// [`Error::Device`] if there is not enough memory.
     pub fn new(context: &Context, size: usize) -> Result<Self> {
         let wishes = [vk::MemoryPropertyFlags::DEVICE_LOCAL, vk::MemoryPropertyFlags::empty()];
-        Ok(DeviceBuffer(Arc::new(Allocation::new(context, size as u64, &wishes, false)?)))
+        Ok(DeviceBuffer(Arc::new(Allocation::new(context, size as u64, &wishes, Reach::Device)?)))
     }
 
     /// Bytes: at least those asked for.
@@ -311,6 +401,47 @@ mod tests {
         drop((from, own));
         assert_eq!(commands.wait().unwrap()[0].stage, "copies");
         assert_eq!(to.read::<u32>(0, 4000), values[1000..]);
+        testing::assert_valid(&context);
+    }
+
+    /// Another allocation that imports the descriptor is the same memory: what one writes, the other reads.
+    #[test]
+    fn exported_memory_is_the_same_memory_elsewhere() {
+        use std::os::fd::IntoRawFd;
+        let Some(context) = testing::context() else { return };
+        let Ok((buffer, fd)) = HostBuffer::exported(&context, 20_000) else {
+            assert!(!context.report().exports_fd || !exports_storage(&context), "it says that it can");
+            println!("not run: {} exports no memory", context.report().name);
+            return;
+        };
+        let values: Vec<u32> = (0..5000u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
+        buffer.write(0, &values);
+        let device = &context.0.device;
+        let mut import = vk::ImportMemoryFdInfoKHR::default().handle_type(OPAQUE_FD).fd(fd.into_raw_fd());
+        // SAFETY: the buffer was made by this device; the import has the size and the type of the exported
+        // memory, and is freed after its mapping was read.
+        let read: Vec<u32> = unsafe {
+            let needs = device.get_buffer_memory_requirements(buffer.0.buffer);
+            let base = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+            let kinds = &context.0.memory.memory_types[..context.0.memory.memory_type_count as usize];
+            let local = if buffer.0.local { vk::MemoryPropertyFlags::DEVICE_LOCAL } else { base };
+            let kind = (0..kinds.len())
+                .find(|&kind| {
+                    needs.memory_type_bits >> kind & 1 == 1
+                        && kinds[kind].property_flags.contains(base | local)
+                })
+                .unwrap();
+            let info = vk::MemoryAllocateInfo::default()
+                .allocation_size(needs.size)
+                .memory_type_index(kind as u32)
+                .push_next(&mut import);
+            let memory = device.allocate_memory(&info, None).unwrap();
+            let start = device.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()).unwrap();
+            let read = std::slice::from_raw_parts(start.cast::<u32>(), 5000).to_vec();
+            device.free_memory(memory, None);
+            read
+        };
+        assert_eq!(read, values);
         testing::assert_valid(&context);
     }
 
