@@ -62,6 +62,13 @@ bench-fleet: ## Measure what sharing frames costs and gains; ARGS="--frames 12" 
 	scripts/install-packages.sh demo
 	cargo bench --bench fleet -- $(ARGS)
 
+.PHONY: bench-headset
+bench-headset: ## Measure what a headset costs beside tracing, on Monado; ARGS="--frames 600" passes arguments on
+	@$(need_cargo)
+	scripts/install-packages.sh test
+	cargo bench --bench headset -- $(ARGS)
+	cargo bench --bench correction
+
 trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few minutes, else hours
 	@$(need_cargo)
 	scripts/install-packages.sh demo

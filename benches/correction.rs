@@ -1,10 +1,11 @@
-//! What the late correction is worth: `cargo bench --bench correction [-- --scene demo --size 960]`.
+//! What the late correction is worth: `cargo bench --bench correction [-- --scene demo --size 960 --margin 0.02]`.
 //!
 //! A head turns at 30, 100 or 300 degrees a second about its neck. One eye's view, 90 degrees wide, is traced
 //! where the eye is, and shown one frame at 60 Hz later, when it has gone on. Both pictures that can be shown
 //! then, as traced and corrected, are compared with one that is traced where the eye is by then; the last
-//! column, a picture from there with other random numbers, says how much of that is noise. Prints a table
-//! in Markdown.
+//! column, a picture from there with other random numbers, says how much of that is noise. With a margin that
+//! much more is traced at each side, as `headset.margin` has it. Prints a table in Markdown, and what the
+//! pass over the pixels takes with and without the correction.
 
 use foveate::config::{Config, Method};
 use foveate::frame::{Loaded, Output, Renderer, Shot};
@@ -27,21 +28,27 @@ fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let value = |flag: &str| arguments.iter().position(|a| a == flag).and_then(|at| arguments.get(at + 1));
     let size: u32 = value("--size").map_or(960, |size| size.parse().expect("a number of pixels"));
+    let margin: f64 = value("--margin").map_or(0.0, |margin| margin.parse().expect("a share"));
     let scene = value("--scene").map_or("demo", String::as_str);
 
     let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
     let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
     let tracer = Device::open(&info).expect("the OpenCL device");
-    println!("{} (OpenCL), {} (Vulkan), {scene}, {size}x{size}\n", info.name, context.report().name);
+    let margin = (f64::from(size) * margin).ceil() as u32;
+    println!(
+        "{} (OpenCL), {} (Vulkan), {scene}, {size}x{size}, {margin} pixels of margin\n",
+        info.name,
+        context.report().name
+    );
     let loaded = match scene {
         "demo" => Loaded::from_glb(scene, &generate::demo::generate(), &Config::default()),
         path => Loaded::from_file(path.as_ref(), &Config::default()),
     }
     .expect("the scene");
     println!(
-        "| head, deg/s | turned by | method | as traced: PSNR dB | FLIP | corrected: PSNR dB | FLIP | noise: PSNR dB | FLIP |"
+        "| head, deg/s | turned by | method | as traced: PSNR dB | FLIP | corrected: PSNR dB | FLIP | noise: PSNR dB | FLIP | pixels ms | corrected |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for method in [Method::Guided, Method::KNearest] {
         let mut config = Config::default();
         config.reconstruction.method = method;
@@ -51,15 +58,18 @@ fn main() {
             let angle = (speed * LATENESS).to_radians();
             let (from, to) = (view(&loaded, size, 0.0), view(&loaded, size, angle));
             let mut shown = |seed: u32, view: View, pose: Option<Pose>| {
-                picture(&mut renderer, &context, view, seed, pose)
+                picture(&mut renderer, &context, (view, margin), seed, pose)
             };
-            let truth = shown(1, to, None);
+            let (truth, _) = shown(1, to, None);
             let others = [shown(2, from, None), shown(2, from, Some(to.world_from_eye)), shown(2, to, None)];
-            let scores = others.map(|picture| {
+            let [_, corrected, plain] = [0, 1, 2].map(|index| others[index].1);
+            let scores = others.map(|(picture, _)| {
                 let compared = compare(&picture, &truth, Viewing::default()).expect("finite pictures");
                 format!("{:.2} | {:.4}", compared.psnr, compared.flip)
             });
-            println!("| {speed} | {:.1} deg | {method:?} | {} |", angle.to_degrees(), scores.join(" | "));
+            let line =
+                format!("| {speed} | {:.1} deg | {method:?} | {}", angle.to_degrees(), scores.join(" | "));
+            println!("{line} | {plain:.1} | {corrected:.1} |");
         }
     }
 }
@@ -74,19 +84,22 @@ fn view(loaded: &Loaded, size: u32, angle: f64) -> View {
     View { world_from_eye, fov, width: size, height: size }
 }
 
+/// What is shown of a view with a margin, and what the passes that reconstruct it took in milliseconds.
 fn picture(
     renderer: &mut Renderer,
     context: &Context,
-    view: View,
+    (view, margin): (View, u32),
     seed: u32,
     shown_from: Option<Pose>,
-) -> Picture {
+) -> (Picture, f64) {
     let image = Image::new(context, Format::R32G32B32A32_SFLOAT, view.width, view.height).expect("an image");
-    let gaze = view.optical_centre();
-    let outputs = vec![reconstruct::Output::whole(image.target(), 0.0)];
-    let shot = Shot { view, gaze, widening: 1.0, hidden: None, outputs };
-    renderer.shoot(&[shot], seed, &mut |_| shown_from).expect("a frame");
+    let traced = view.with_margin([margin; 2]);
+    let gaze = traced.optical_centre();
+    let output = reconstruct::Output::whole(image.target(), 0.0);
+    let outputs = vec![reconstruct::Output { source: [margin; 2], ..output }];
+    let shot = Shot { view: traced, gaze, widening: 1.0, hidden: None, outputs };
+    let report = renderer.shoot(&[shot], seed, &mut |_| shown_from).expect("a frame");
     let pixels: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().expect("pixels"));
-    Picture::new(view.width, view.height, pixels.iter().map(|p| [p[0], p[1], p[2]]).collect())
-        .expect("a picture")
+    let picture = Picture::new(view.width, view.height, pixels.iter().map(|p| [p[0], p[1], p[2]]).collect());
+    (picture.expect("finite pixels"), report.stages.reconstruct)
 }

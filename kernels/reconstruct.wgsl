@@ -29,6 +29,8 @@ struct Parameters {
     sun_red: f32,
     sun_green: f32,
     sun_blue: f32,
+    // Metres at which a depth is 1.
+    nearest_depth: f32,
 }
 var<immediate> parameters: Parameters;
 
@@ -234,7 +236,34 @@ fn edge_of(normal: u32) -> Edge {
 
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    return guided_color(warped(view_pixel(position)));
+}
+
+struct PixelWithDepth {
+    @location(0) color: vec4<f32>,
+    @builtin(frag_depth) depth: f32,
+}
+
+@fragment
+fn guided_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
     let at = warped(view_pixel(position));
+    return PixelWithDepth(guided_color(at), shown_depth(at));
+}
+
+// How far what a traced pixel sees is from the shown eye, along its axis: 1 at the nearest depth, 0 infinitely
+// far away.
+fn shown_depth(at: vec2<u32>) -> f32 {
+    let depth = bitcast<f32>(visibility[place_in_band(at)].y);
+    if !(depth > 0.0) {
+        return 0.0;
+    }
+    let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
+    let seen = point_at(parameters.rays, f32(at.x), f32(at.y), depth) - warp[0].offset.xyz;
+    return clamp(parameters.nearest_depth / max(dot(axis, seen), parameters.nearest_depth), 0.0, 1.0);
+}
+
+// The colour of a pixel, with what its neighbour shares of it.
+fn guided_color(at: vec2<u32>) -> vec4<f32> {
     let edge = edge_of(visibility[place_in_band(at)].x);
     let neighbour = vec2<u32>(vec2<i32>(at) + edge.step);
     // A neighbour beyond the band is not known here.

@@ -276,6 +276,9 @@ impl Default for Dk1Config {
 pub struct HeadsetConfig {
     /// Move pixels to where they are seen from the newest pose, by their depths, just before they are shown.
     pub late_correction: bool,
+    /// How much more than is shown is traced at each side, as a share of the view's width and height, so that
+    /// the late correction finds something there.
+    pub margin: f64,
     /// Let the sharp region follow the eyes where a tracker tells where they look.
     pub eye_tracking: bool,
     /// Use a sharp inset for each eye where the headset has one.
@@ -290,6 +293,10 @@ pub struct HeadsetConfig {
     pub turn: Turn,
     /// Degrees of a snap turn, or per second of a smooth one.
     pub turn_degrees: f64,
+    /// Let the terminal's keys move the wearer too.
+    pub keyboard: bool,
+    /// Hand over pictures' depths where the runtime takes them, for its own reprojection.
+    pub depth: bool,
 }
 
 /// How controllers move the wearer.
@@ -320,6 +327,7 @@ impl Default for HeadsetConfig {
     fn default() -> Self {
         HeadsetConfig {
             late_correction: true,
+            margin: 0.0,
             eye_tracking: true,
             insets: true,
             refresh_hz: 0.0,
@@ -327,6 +335,8 @@ impl Default for HeadsetConfig {
             speed: 2.0,
             turn: Turn::Snap,
             turn_degrees: 30.0,
+            keyboard: true,
+            depth: true,
         }
     }
 }
@@ -583,6 +593,7 @@ impl Config {
         range("environment.sun_azimuth", f64::from(environment.sun_azimuth), -360.0, 360.0)?;
         range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)?;
         range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)?;
+        range("headset.margin", self.headset.margin, 0.0, 0.25)?;
         range("headset.refresh_hz", self.headset.refresh_hz, 0.0, 1000.0)?;
         range("headset.speed", self.headset.speed, 0.0, 100.0)?;
         range("headset.turn_degrees", self.headset.turn_degrees, 0.0, 360.0)

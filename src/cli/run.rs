@@ -1,7 +1,9 @@
 //! `foveate run`: a scene in the headset of the active OpenXR runtime.
 
+mod keys;
 mod present;
 mod stats;
+mod terminal;
 mod wearer;
 
 use std::path::PathBuf;
@@ -61,6 +63,7 @@ pub fn stop_signal() -> Result<Arc<AtomicBool>> {
     let asked = stop.clone();
     let handler = move || {
         if asked.swap(true, Ordering::Relaxed) {
+            terminal::restore();
             std::process::exit(130);
         }
     };

@@ -163,6 +163,19 @@ impl Controller {
         self.target.score < 10.0 && self.ladder.steps().iter().all(|step| step.score < self.target.score)
     }
 
+    /// Holds another target from now on, such as that of a display whose period has changed.
+    pub fn retarget(&mut self, target: Target) {
+        if self.target == target {
+            return;
+        }
+        let fresh = Controller::new(self.ladder.clone(), target);
+        (self.target, self.ceiling) = (target, fresh.ceiling);
+        match self.load {
+            Some(load) => self.step(load),
+            None => *self = Controller { notes: std::mem::take(&mut self.notes), ..fresh },
+        }
+    }
+
     /// What the next frame is to be made with.
     pub fn held(&self) -> Held {
         let work = self.ladder.between_logs(self.position, |p| p.samples * f64::from(p.rays));

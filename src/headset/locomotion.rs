@@ -66,6 +66,19 @@ impl Walker {
         }
     }
 
+    /// Rises by so many metres, or sinks.
+    pub fn rise(&mut self, metres: f64) {
+        self.world_from_space.position.y += metres;
+    }
+
+    /// Puts the head at a pose of the scene, level and facing the same way; how high the head is above the
+    /// tracked space's origin is left to it.
+    pub fn recentre(&mut self, rest: Pose, head: &Pose) {
+        let rotation = upright(rest.rotation) * upright(head.rotation).conjugate();
+        let level = DVec3::new(head.position.x, 0.0, head.position.z);
+        self.world_from_space = Pose { rotation, position: rest.position - rotation * level };
+    }
+
     /// Puts the wearer's head above a point on the ground: `height` metres, or as high as it is above the
     /// tracked space's origin where that is the floor.
     pub fn stand_on(&mut self, ground: DVec3, head: &Pose, height: f64) {
@@ -168,6 +181,19 @@ mod tests {
         walker.step(&hands, &head(), &manner, 1e6);
         assert!((walker.world_from_space.position.length() - SNAP.speed * LONGEST_STEP).abs() < 0.1);
         assert!(walker.world_from_space.rotation.is_normalized());
+    }
+
+    #[test]
+    fn going_back_to_the_start_faces_ahead() {
+        let rest = Pose::new(DQuat::from_rotation_y(0.8), DVec3::new(1.0, 1.6, -2.0));
+        let mut walker = Walker::new(Pose::new(DQuat::from_rotation_y(2.0), DVec3::new(5.0, 7.0, 5.0)));
+        walker.rise(0.5);
+        assert_eq!(walker.world_from_space.position, DVec3::new(5.0, 7.5, 5.0));
+        walker.recentre(rest, &head());
+        let now = walker.world_from_space.then(head());
+        assert!((now.position - (rest.position + DVec3::Y * 0.1)).length() < 1e-12, "{now:?}");
+        assert!(upright(now.rotation).angle_between(rest.rotation) < 1e-6);
+        assert!((walker.world_from_space.rotation * DVec3::Y - DVec3::Y).length() < 1e-12);
     }
 
     #[test]

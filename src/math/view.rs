@@ -41,6 +41,26 @@ pub struct View {
 }
 
 impl View {
+    /// The same with so many more pixels at each side, to the left and right and above and below.
+    pub fn with_margin(&self, [x, y]: [u32; 2]) -> View {
+        let FieldOfView { left, right, up, down } = self.fov;
+        let (across, along) = (
+            f64::from(x) * (right - left) / f64::from(self.width),
+            f64::from(y) * (up - down) / f64::from(self.height),
+        );
+        View {
+            fov: FieldOfView {
+                left: left - across,
+                right: right + across,
+                up: up + along,
+                down: down - along,
+            },
+            width: self.width + 2 * x,
+            height: self.height + 2 * y,
+            ..*self
+        }
+    }
+
     /// Number of pixels.
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize
@@ -79,6 +99,19 @@ impl View {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_margin_leaves_all_directions_where_they_are() {
+        let fov = FieldOfView { left: -1.2, right: 0.9, up: 0.7, down: -1.1 };
+        let view = View { world_from_eye: Pose::IDENTITY, fov, width: 64, height: 40 };
+        let wider = view.with_margin([3, 5]);
+        assert_eq!((wider.width, wider.height), (70, 50));
+        for pixel in [DVec2::ZERO, DVec2::new(64.0, 40.0), DVec2::new(10.5, 30.5)] {
+            let moved = wider.eye_direction(pixel + DVec2::new(3.0, 5.0));
+            assert!((view.eye_direction(pixel) - moved).length() < 1e-12);
+        }
+        assert_eq!(view.with_margin([0, 0]), view);
+    }
 
     #[test]
     fn projection_undoes_direction() {

@@ -28,7 +28,7 @@ pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weight
 
 use crate::error::{Error, Result};
 use crate::gpu::vulkan::{
-    BufferRef, Commands, ComputePipeline, Context, Encoding, Format, HostBuffer, PassPipeline, Rect,
+    Attachments, BufferRef, Commands, ComputePipeline, Context, Encoding, HostBuffer, PassPipeline, Rect,
     StageTime, Target,
 };
 use crate::layout::{SampleRecord, VisibilityRecord};
@@ -41,13 +41,17 @@ use warp::Warp;
 /// Samples that one dispatch of a pass without neighbours takes.
 const SAMPLES_AT_ONCE: usize = 1 << 21;
 
+/// Metres at which a target's depth is 1; it falls as 1/z, and is 0 infinitely far away and, without guided
+/// reconstruction, everywhere. Reversed like this, floating-point depths are equally exact at all distances.
+pub const NEAREST_DEPTH: f32 = 0.05;
+
 /// Reconstructs pictures on one device with one set of settings.
 pub struct Reconstruction {
     context: Context,
     settings: Settings,
     finders: Finders,
     prepare: Prepare,
-    passes: HashMap<Format, PassPipeline>,
+    passes: HashMap<Attachments, PassPipeline>,
     views: Vec<ViewState>,
 }
 
@@ -143,7 +147,8 @@ struct PixelParameters {
     count: u32,
     sample_neighbours: u32,
     sun: [f32; 3],
-    padding: [u32; 3],
+    nearest_depth: f32,
+    padding: [u32; 2],
 }
 
 impl Reconstruction {
@@ -220,7 +225,7 @@ impl Reconstruction {
     /// frame is to be shown from elsewhere and [`Reconstruction::can_warp`] says no.
     pub fn submit(&mut self, view: usize, frame: &Frame<'_>) -> Result<()> {
         for output in frame.outputs {
-            self.require_pass(output.target.format())?;
+            self.require_pass(output.target.attachments())?;
         }
         let state = &mut self.views[view];
         let tables = &mut state.tables;
@@ -242,7 +247,7 @@ impl Reconstruction {
         self.prepare.record(commands, tables, &self.settings, &samples, &dropped, (rays, pixel_width))?;
         commands.end_stage("filter");
         for output in frame.outputs {
-            let pass = &self.passes[&output.target.format()];
+            let pass = &self.passes[&output.target.attachments()];
             draw(commands, pass, tables, &self.settings, frame, output, (rays, pixel_width, &warp))?;
         }
         commands.end_stage("reconstruct");
@@ -255,14 +260,15 @@ impl Reconstruction {
         self.views.get(view).is_some_and(|state| state.tables.bands().len() == 1)
     }
 
-    fn require_pass(&mut self, format: Format) -> Result<()> {
-        if !self.passes.contains_key(&format) {
-            let fragment = match self.settings.mode {
-                Mode::KNearest => "k_nearest",
-                Mode::Guided(_) => "guided",
+    fn require_pass(&mut self, to: Attachments) -> Result<()> {
+        if !self.passes.contains_key(&to) {
+            let fragment = match (self.settings.mode, to.depth) {
+                (Mode::KNearest, _) => "k_nearest",
+                (Mode::Guided(_), None) => "guided",
+                (Mode::Guided(_), Some(_)) => "guided_with_depth",
             };
-            let pass = PassPipeline::new(&self.context, &shaders::RECONSTRUCT, "cover", fragment, format)?;
-            self.passes.insert(format, pass);
+            let pass = PassPipeline::new(&self.context, &shaders::RECONSTRUCT, "cover", fragment, to)?;
+            self.passes.insert(to, pass);
         }
         Ok(())
     }
@@ -388,7 +394,8 @@ fn draw(
             count: tables.count as u32,
             sample_neighbours: tables.neighbours,
             sun: frame.sun.map_or([0.0; 3], |sun| (sun.radiance * sun.solid_angle() as f32).to_array()),
-            padding: [0; 3],
+            nearest_depth: NEAREST_DEPTH,
+            padding: [0; 2],
         };
         let first_sample = band.first_sample as usize;
         let prepared = tables

@@ -1,7 +1,7 @@
 //! Pictures of small patterns whose right answer is known.
 
 use super::*;
-use crate::gpu::vulkan::{Image, testing};
+use crate::gpu::vulkan::{Format, Image, testing};
 use crate::layout::{pack_emission, pack_normal24};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;

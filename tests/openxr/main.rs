@@ -11,7 +11,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use common::builder::Builder;
-use foveate::config::{Config, Samples};
+use common::validation;
+use foveate::config::{Config, OperatingPoint, Samples};
 use foveate::frame::{Loaded, Output, Plan, Renderer};
 use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, ContextOptions};
@@ -50,6 +51,7 @@ fn foveate(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_foveate"));
     command.current_dir(folder).args(arguments.split_whitespace());
     command.args(["--samples", "400", "--rays", "2", "--position", "0,1.6,0", "--look-at", "0,1.6,-1"]);
+    command.stdin(Stdio::null());
     command
 }
 
@@ -78,15 +80,68 @@ fn two_hundred_frames_are_counted_by_both_sides() {
     for key in ["frame_ms", "pose_ms"] {
         assert!(told[key]["p99"].as_f64() >= told[key]["p50"].as_f64(), "{told}");
     }
-    // One layer for each picture, one image of each view for each layer, and everything is given back.
+    // One layer for each picture, an image of colours and one of depths of each view for each layer, and
+    // everything is given back.
+    assert_eq!(told["depth_format"], "D32_SFLOAT", "{told}");
     assert_eq!(monado.calls("compositor_layer_sync"), 200);
     for call in ["acquire", "wait", "release"] {
-        assert_eq!(monado.calls(&format!("swapchain_{call}_image")), 400, "{call}");
+        assert_eq!(monado.calls(&format!("swapchain_{call}_image")), 800, "{call}");
     }
     for (made, ended) in [("swapchain_create", "swapchain_destroy"), ("session_create", "session_destroy")] {
         assert_eq!(monado.calls(made), monado.calls(ended), "{made}");
     }
     assert_eq!((monado.calls("session_begin"), monado.calls("session_end")), (1, 1));
+}
+
+#[test]
+fn khronos_layers_find_no_fault() {
+    if !monado::installed() || !validation::installed() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let monado = Monado::start_null(folder.path());
+    let mut client = foveate(folder.path(), "run scene.glb --frames 30 --json");
+    monado.serve(&mut client);
+    let output = client.envs(validation::environment(folder.path())).output().unwrap();
+    let printed = [&output.stdout[..], &output.stderr].concat();
+    let printed = String::from_utf8_lossy(&printed);
+    assert_eq!(validation::messages(folder.path(), &printed), Vec::<String>::new());
+    assert!(output.status.success(), "{printed}");
+    assert_eq!(summary(&output.stdout)["frames"], 30);
+}
+
+#[test]
+fn the_displays_period_is_held() {
+    if !monado::installed() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let monado = Monado::start_null(folder.path());
+    // Frames are far faster than this front says, so that there is time for more.
+    let point = |samples: f64, rays: u32, frame_ms: f64| OperatingPoint {
+        samples,
+        rays,
+        ..OperatingPoint::of(&Config::default(), 1, frame_ms, 4.0 + samples)
+    };
+    let front = json!({ "budget": { "front": [point(0.002, 1, 1e4), point(0.2, 32, 2e4)] } });
+    std::fs::write(folder.path().join("front.toml"), toml::to_string(&front).unwrap()).unwrap();
+    let mut client = foveate(
+        folder.path(),
+        "run scene.glb --frames 40 --json --config front.toml --target-ms display --width 128 --height 64",
+    );
+    monado.serve(&mut client);
+    let output = client.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let budget = summary(&output.stdout)["budget"].clone();
+    let (first, last) = (&budget["first"], &budget["last"]);
+    // Monado's null compositor shows 20 pictures a second.
+    let target = last["target_ms"].as_f64().unwrap();
+    assert!((target - 45.0).abs() < 0.5, "{budget}");
+    let work = |held: &Value| held["samples"].as_f64().unwrap() * held["rays"].as_f64().unwrap();
+    assert!(first["position"] == 0.0 && work(last) > 1.2 * work(first), "{budget}");
+    assert!(budget["within"].as_f64().is_some_and(|share| (0.0..=1.0).contains(&share)), "{budget}");
 }
 
 #[test]

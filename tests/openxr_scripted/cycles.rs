@@ -1,6 +1,6 @@
 //! What is built anew again and again leaves nothing behind.
 
-use fake_runtime::order::State::{Idle, LossPending, Ready, Synchronized, Visible};
+use fake_runtime::order::State::{Idle, LossPending, Ready, Stopping, Synchronized, Visible};
 use fake_runtime::script::{Fault, Session, Step, When};
 
 use super::{Run, run, sessions};
@@ -16,10 +16,10 @@ fn short() -> Session {
     Session { steps, ..Session::default() }
 }
 
-/// File descriptors, threads and memory (KiB) of the program at each session's creation.
-fn held(run: &Run) -> Vec<[u64; 3]> {
-    let created = run.log.calls("xrCreateSession");
-    created.iter().map(|r| ["fds", "threads", "memory_kib"].map(|key| r.0[key].as_u64().unwrap())).collect()
+/// File descriptors, threads and memory (KiB) of the program at each call of a kind.
+fn held(run: &Run, call: &str) -> Vec<[u64; 3]> {
+    let calls = run.log.calls(call);
+    calls.iter().map(|r| ["fds", "threads", "memory_kib"].map(|key| r.0[key].as_u64().unwrap())).collect()
 }
 
 /// Whether later sessions hold more than those that came when all was warm; memory may creep by `slack` KiB.
@@ -34,9 +34,25 @@ fn a_hundred_sessions_leave_nothing_behind() {
     let Some(run) = run(&sessions(vec![short(); 100]), 120, "") else { return };
     let told = run.is_clean().told();
     assert_eq!(told["losses"], 100, "{told}");
-    let held = held(&run);
+    let held = held(&run, "xrCreateSession");
     assert_eq!(held.len(), 101);
     // The images of 80 sessions alone would be 14 MiB.
+    assert_steady(&held, 20, 6 << 10);
+}
+
+#[test]
+fn a_hundred_stops_and_starts_of_one_session_leave_nothing_behind() {
+    let step = |at, go: &[_]| Step { at, go: go.to_vec() };
+    let mut steps = vec![step(When::Created, &[Idle, Ready]), step(When::Frame(1), &[Synchronized, Visible])];
+    for time in 1..100 {
+        steps.push(step(When::Begun(time), &[Synchronized, Stopping]));
+        steps.push(step(When::Ended(time), &[Idle, Ready]));
+    }
+    let session = Session { steps, ..Session::default() };
+    let Some(run) = run(&sessions(vec![session]), 4, "") else { return };
+    assert_eq!(run.is_clean().told()["frames"], 4);
+    let held = held(&run, "xrBeginSession");
+    assert_eq!(held.len(), 100);
     assert_steady(&held, 20, 6 << 10);
 }
 
@@ -47,7 +63,7 @@ fn twelve_instances_leave_nothing_behind() {
     let Some(run) = run(&sessions(vec![lost; 12]), 40, "") else { return };
     let told = run.is_clean().told();
     assert_eq!(told["losses"], 12, "{told}");
-    assert_steady(&held(&run), 4, 32 << 10);
+    assert_steady(&held(&run, "xrCreateSession"), 4, 32 << 10);
 }
 
 #[test]

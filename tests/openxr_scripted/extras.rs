@@ -3,6 +3,7 @@
 use fake_runtime::script::{Event, EventKind, Gaze, Input, Script, Session, View};
 use serde_json::{Value, json};
 
+use super::views::uneven;
 use super::{Run, run, sessions};
 
 /// A headset with an eye tracker that sees these.
@@ -56,6 +57,35 @@ fn the_sharp_region_follows_the_eyes_and_comes_back_when_they_are_lost() {
     let closed = Gaze { frame: 26, lost: true, ..Gaze::default() };
     let blink = with_gaze(vec![looking(1, 20.0, 10.0), closed, looking(28, 20.0, 10.0)]);
     assert_sharp_at(&run(&blink, 32, "").unwrap(), 20.0, 10.0);
+}
+
+#[test]
+fn without_eyes_uneven_and_canted_views_are_sharp_at_their_own_axes() {
+    let closed = vec![looking(1, 20.0, 10.0), Gaze { frame: 8, lost: true, ..Gaze::default() }];
+    let lost = Script { views: uneven(), period_ms: 25.0, ..with_gaze(closed) };
+    for (script, frames) in [(Script { views: uneven(), ..Script::default() }, 4), (lost, 60)] {
+        let Some(run) = run(&script, frames, "") else { return };
+        for ((point, widening), view) in sharp(&run).into_iter().zip(uneven()) {
+            let [left, right, up, down] = view.fov.map(|angle| f64::from(angle).to_radians().tan());
+            let axis = [-left / (right - left), up / (up - down)];
+            let off = (point[0] - axis[0]).hypot(point[1] - axis[1]);
+            assert!(off < 0.011 && widening < 1.2, "sharp at {point:?}, not at {axis:?}; {widening}");
+        }
+    }
+    // Eyes that are tracked look at one place in both, whichever way the views are canted.
+    let steady = Script { views: uneven(), ..with_gaze(vec![looking(1, 12.0, 5.0)]) };
+    let followed = run(&steady, 30, "").unwrap();
+    let gaze = glam::DQuat::from_euler(glam::EulerRot::YXZ, 12f64.to_radians(), 5f64.to_radians(), 0.0);
+    for ((point, _), view) in sharp(&followed).into_iter().zip(uneven()) {
+        let [yaw, pitch, roll] = view.turn.map(|angle| f64::from(angle).to_radians());
+        let canted = glam::DQuat::from_euler(glam::EulerRot::YXZ, yaw, pitch, roll);
+        let seen = canted.conjugate() * gaze * glam::DVec3::NEG_Z;
+        let [left, right, up, down] = view.fov.map(|angle| f64::from(angle).to_radians().tan());
+        let (x, y) = (seen.x / -seen.z, seen.y / -seen.z);
+        let place = [(x - left) / (right - left), (up - y) / (up - down)];
+        let off = (point[0] - place[0]).hypot(point[1] - place[1]);
+        assert!(off < 0.02, "sharp at {point:?}, not at {place:?}");
+    }
 }
 
 #[test]
@@ -122,7 +152,7 @@ fn touching(path: &str, value: [f32; 2], from: u64, to: u64) -> Script {
 }
 
 /// Where the first eye was in the last picture, and how far to the left it was turned, degrees.
-fn first_eye(run: &Run) -> ([f64; 3], f64) {
+pub fn first_eye(run: &Run) -> ([f64; 3], f64) {
     let view = run.is_clean().told()["views"][0].clone();
     let list =
         |value: &Value| value.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect::<Vec<_>>();

@@ -4,15 +4,18 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod budget;
 mod cycles;
+mod depth;
 mod extras;
 mod frames;
+mod keyboard;
 mod losses;
 mod states;
 mod views;
 
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Output};
 
 use common::builder::Builder;
 use fake_runtime::Setup;
@@ -66,37 +69,44 @@ fn write_scene(folder: &Path) {
 /// The eye's place that the wearer's LOCAL space is put at, metres.
 const REST: [f64; 3] = [0.0, 1.6, 0.0];
 
-/// Runs the program with few samples until it has shown some frames; nothing where OpenXR's loader or
-/// Vulkan is missing, which is a failure on machines that promise them (CI=true).
+/// Runs the program with few samples until it has shown some frames; nothing where it cannot be run.
 fn run(script: &Script, frames: u32, more: &str) -> Option<Run> {
-    run_under(script, frames, more, &[])
-}
-
-/// The same with more of an environment.
-fn run_under(script: &Script, frames: u32, more: &str, environment: &[(&str, &str)]) -> Option<Run> {
-    if let Some(missing) = missing() {
-        assert!(std::env::var("CI").as_deref() != Ok("true"), "{missing}");
-        println!("not run: {missing}");
+    if !possible() {
         return None;
     }
     let folder = tempfile::tempdir().unwrap();
-    write_scene(folder.path());
-    let setup = Setup::new(folder.path(), script);
+    let (mut command, setup) = command(folder.path(), script, frames, more);
+    Some(finished(command.output().unwrap(), setup.log(), folder))
+}
+
+/// The program in a folder with a scene and a runtime of its own, with few samples.
+fn command(folder: &Path, script: &Script, frames: u32, more: &str) -> (Command, Setup) {
+    write_scene(folder);
+    let setup = Setup::new(folder, script);
     let mut command = Command::new(env!("CARGO_BIN_EXE_foveate"));
-    command.current_dir(folder.path()).args(["run", "scene.glb", "--json", "--frames", &frames.to_string()]);
+    command.current_dir(folder).args(["run", "scene.glb", "--json", "--frames", &frames.to_string()]);
     command.args("--samples 300 --rays 1 --position 0,1.6,0 --look-at 0,1.6,-1".split(' '));
-    command.args(more.split_whitespace()).envs(environment.iter().copied());
-    let output = setup.apply(&mut command).output().unwrap();
+    setup.apply(command.args(more.split_whitespace()));
+    (command, setup)
+}
+
+/// What a run that has ended left behind.
+fn finished(output: Output, log: Log, folder: TempDir) -> Run {
     let text = |bytes| String::from_utf8(bytes).unwrap();
-    let run = Run {
-        code: output.status.code(),
-        out: text(output.stdout),
-        said: text(output.stderr),
-        log: setup.log(),
-        _folder: folder,
-    };
-    assert!(!run.said.contains("panicked"), "{}", run.said);
-    Some(run)
+    let (out, said) = (text(output.stdout), text(output.stderr));
+    assert!(!said.contains("panicked"), "{said}");
+    Run { code: output.status.code(), out, said, log, _folder: folder }
+}
+
+/// Whether OpenXR's loader and Vulkan are there; says so where one is missing, which is a failure on machines
+/// that promise them (CI=true).
+fn possible() -> bool {
+    let missing = missing();
+    if let Some(missing) = &missing {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "{missing}");
+        println!("not run: {missing}");
+    }
+    missing.is_none()
 }
 
 /// What stands in the way: asked of the program itself, which says so in one sentence.

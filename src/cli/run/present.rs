@@ -6,15 +6,17 @@ use std::time::{Duration, Instant};
 
 use glam::DVec2;
 
+use super::keys::{self, Keys};
 use super::stats::{Shown, Stats, Summary, ViewSummary};
+use super::terminal::Terminal;
 use super::wearer::{Sharp, Wearer, between};
 use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
-use crate::config::{Config, HeadsetConfig, Stereo};
+use crate::config::{Config, HeadsetConfig, Method, Stereo};
 use crate::error::{Error, Result};
-use crate::frame::budget::{self, Controller};
+use crate::frame::budget::{self, Controller, Held, Target};
 use crate::frame::{Loaded, Output, Plan, Renderer, Shot};
-use crate::gpu::vulkan::{Encoding, Rect, Target};
+use crate::gpu::vulkan::{self, Encoding, Rect};
 use crate::headset::openxr::{EyeView, Fault, Frame, Next, Options, Outcome, Runtime, Session};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
@@ -62,6 +64,8 @@ struct Run {
     stats: Stats,
     told: Told,
     wearer: Wearer,
+    /// The terminal's keys, where it has them for us.
+    keyboard: Option<Terminal>,
     /// Holds the frame time, where one is asked for, once the display's period is known.
     controller: Option<Controller>,
 }
@@ -72,6 +76,7 @@ struct Told {
     runtime: String,
     views: Vec<ViewSummary>,
     format: String,
+    depth_format: Option<String>,
     sharing: String,
     device: String,
     presenting_device: String,
@@ -84,7 +89,9 @@ impl Presentation<'_> {
     /// Where something fails that building anew would not mend.
     pub fn run(&self, runtime: Runtime) -> Result<Summary> {
         let wearer = Wearer::new(self.rest, &self.loaded.scene, &self.config.headset);
-        let mut run = Run { stats: Stats::default(), told: Told::default(), wearer, controller: None };
+        let keyboard = if self.config.headset.keyboard { Terminal::open() } else { None };
+        let (stats, told) = (Stats::default(), Told::default());
+        let mut run = Run { stats, told, wearer, keyboard, controller: None };
         let mut runtime = Some(runtime);
         let mut in_vain = 0;
         while let Some(found) = runtime.take() {
@@ -155,18 +162,22 @@ impl Presentation<'_> {
 
     /// Presents in one session, from its start to its end.
     fn in_session(&self, stage: &mut Stage, run: &mut Run) -> Outcome<()> {
-        let HeadsetConfig { eye_tracking, refresh_hz, .. } = self.config.headset;
-        let options = Options { size: self.size, gaze: eye_tracking && self.gaze.is_none(), refresh_hz };
+        let HeadsetConfig { eye_tracking, refresh_hz, depth, .. } = self.config.headset;
+        let guided = self.config.reconstruction.method == Method::Guided;
+        let gaze = eye_tracking && self.gaze.is_none();
+        let options = Options { size: self.size, gaze, refresh_hz, depth: depth && guided };
         let mut session = Session::new(&stage.runtime, &stage.machine.context, &options)?;
-        self.introduce(stage, &session, &mut run.told)?;
+        self.introduce(stage, &session, run)?;
         let result = self.frames(stage, &mut session, run);
         run.stats.dropped += session.clock().dropped;
         result
     }
 
-    fn introduce(&self, stage: &mut Stage, session: &Session, told: &mut Told) -> Result<()> {
+    fn introduce(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<()> {
+        let told = &mut run.told;
         told.runtime = stage.runtime.name().to_string();
-        told.format = format!("{:?}", session.format());
+        told.format = format!("{:?}", session.formats().color);
+        told.depth_format = session.formats().depth.map(|format| format!("{format:?}"));
         told.sharing = stage.renderer.sharing().to_string();
         told.device = stage.machine.device.info().name.clone();
         told.presenting_device = stage.machine.context.report().name.clone();
@@ -175,36 +186,48 @@ impl Presentation<'_> {
         }
         let sizes: Vec<_> = session.sizes().iter().map(|(w, h)| format!("{w}x{h}")).collect();
         output::print_line(&format!(
-            "{}: {} views ({}), {}; Ctrl-C ends",
+            "{}: {} views ({}), {}; {}",
             told.runtime,
             sizes.len(),
             sizes.join(", "),
-            stage.machine.describe()
+            stage.machine.describe(),
+            if run.keyboard.is_some() { keys::HELP } else { "Ctrl-C ends" }
         ))
     }
 
     fn frames(&self, stage: &mut Stage, session: &mut Session, run: &mut Run) -> Outcome<()> {
         loop {
+            let keys = run.keyboard.as_mut().map_or(Keys::default(), Terminal::keys);
+            if keys.leave {
+                self.stop.store(true, Ordering::Relaxed);
+            }
             if self.is_over(&run.stats) {
                 session.request_exit();
             }
             match session.next_frame()? {
                 Next::End => return Ok(()),
                 Next::Pause => {}
-                Next::Frame(frame) => self.frame(stage, session, &frame, run)?,
+                Next::Frame(frame) => self.frame(stage, session, &frame, &keys, run)?,
             }
         }
     }
 
     /// Renders and ends one frame.
-    fn frame(&self, stage: &mut Stage, session: &mut Session, frame: &Frame, run: &mut Run) -> Outcome<()> {
+    fn frame(
+        &self,
+        stage: &mut Stage,
+        session: &mut Session,
+        frame: &Frame,
+        keys: &Keys,
+        run: &mut Run,
+    ) -> Outcome<()> {
         let Some(mut eyes) = self.eyes(session, frame)? else {
             session.end(frame, None)?;
             return Ok(());
         };
         let (hands, gaze) = session.input(frame.time)?;
-        run.wearer.walk(&hands, &eyes, frame.time, &self.loaded.scene);
-        self.hold(stage, session, run)?;
+        run.wearer.walk(&hands, keys, &eyes, frame.time, &self.loaded.scene);
+        let held = self.hold(stage, session, run)?;
         let targets = session.acquire()?;
         // As late as it can be: all that is left to do before tracing is to choose samples.
         eyes = self.eyes(session, frame)?.unwrap_or(eyes);
@@ -252,7 +275,7 @@ impl Presentation<'_> {
         }
         let on_time = session.end(frame, Some(&shown))?;
         let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
-        run.stats.push(Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), report }, on_time);
+        run.stats.push(Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), report, held }, on_time);
         let views = self.views(&shown, &session.sizes(), &run.wearer);
         let each = views.iter().enumerate();
         run.told.views =
@@ -260,16 +283,18 @@ impl Presentation<'_> {
         Ok(())
     }
 
-    /// Has the next frame made so that it takes the time that it may.
-    fn hold(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<()> {
-        if run.controller.is_none() {
-            let period_ms = session.clock().period().map(|nanoseconds| nanoseconds as f64 * 1e-6);
-            run.controller = budget::controller(self.config, period_ms)?;
+    /// Has the next frame made so that it takes the time that it may, and tells how.
+    fn hold(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<Option<Held>> {
+        let period_ms = session.clock().period().map(|nanoseconds| nanoseconds as f64 * 1e-6);
+        match (&mut run.controller, Target::of(self.config, period_ms)) {
+            (None, Some(_)) => run.controller = budget::controller(self.config, period_ms)?,
+            // Runtimes may tell wrong periods at first, and displays may change theirs.
+            (Some(controller), Some(target)) => controller.retarget(target),
+            _ => {}
         }
-        match &run.controller {
-            Some(controller) => stage.renderer.apply(&controller.config(self.config)),
-            None => Ok(()),
-        }
+        let Some(controller) = &run.controller else { return Ok(None) };
+        stage.renderer.apply(&controller.config(self.config))?;
+        Ok(Some(controller.held()))
     }
 
     /// Where the eyes will be when the frame is shown; `None` where it will not be, or nothing is known.
@@ -306,9 +331,14 @@ impl Presentation<'_> {
     }
 
     /// What is traced for the views, and which of their images it fills.
-    fn shots<'t>(&self, views: &[View], targets: &'t [Target], sharp: &[Sharp]) -> Result<Vec<Shot<'t>>> {
+    fn shots<'t>(
+        &self,
+        views: &[View],
+        targets: &'t [vulkan::Target],
+        sharp: &[Sharp],
+    ) -> Result<Vec<Shot<'t>>> {
         let exposure = self.config.view.exposure as f32;
-        let output = |target: &'t Target, source: [u32; 2], size: (u32, u32)| reconstruct::Output {
+        let output = |target: &'t vulkan::Target, source: [u32; 2], size: (u32, u32)| reconstruct::Output {
             source,
             rect: Rect { x: 0, y: 0, width: size.0, height: size.1 },
             // Runtimes take what they are given for linear light, or decode it by themselves.
@@ -326,8 +356,12 @@ impl Presentation<'_> {
         let size = |view: &View| (view.width, view.height);
         match (self.config.view.stereo, views) {
             (Stereo::PerEye, _) => {
-                let alone = |(index, (view, target)): (usize, (&View, &'t Target))| {
-                    shot(*view, look(index), vec![output(target, [0, 0], size(view))])
+                let alone = |(index, (view, target)): (usize, (&View, &'t vulkan::Target))| {
+                    let margin = self.margin(view);
+                    let traced = view.with_margin(margin);
+                    let sharp = look(index);
+                    let point = moved_point(sharp.point, view, &traced);
+                    shot(traced, Sharp { point, ..sharp }, vec![output(target, margin, size(view))])
                 };
                 Ok(views.iter().zip(targets).enumerate().map(alone).collect())
             }
@@ -351,6 +385,13 @@ impl Presentation<'_> {
         }
     }
 
+    /// Pixels that are traced beyond what is shown, at each side: none where nothing is moved.
+    fn margin(&self, view: &View) -> [u32; 2] {
+        let HeadsetConfig { late_correction, margin, .. } = self.config.headset;
+        let pixels = |size: u32| if late_correction { (f64::from(size) * margin).ceil() as u32 } else { 0 };
+        [pixels(view.width), pixels(view.height)]
+    }
+
     /// Where a view is sharp: where the settings say, or the wearer's eyes.
     fn sharp(&self, views: &[View], eyes: &[Sharp], index: usize) -> Sharp {
         match self.gaze {
@@ -367,6 +408,13 @@ impl Presentation<'_> {
         let in_eye = view.world_from_eye.rotation.conjugate() * direction;
         view.project(in_eye).map_or_else(|| view.optical_centre(), |pixel| pixel / scale(view))
     }
+}
+
+/// A point in 0..1 of a view, in 0..1 of one that has more at all sides.
+fn moved_point(point: DVec2, view: &View, larger: &View) -> DVec2 {
+    let size = |view: &View| DVec2::new(f64::from(view.width), f64::from(view.height));
+    let margin = (size(larger) - size(view)) * 0.5;
+    (point * size(view) + margin) / size(larger)
 }
 
 fn per_eye(why: &str) -> Error {
@@ -413,7 +461,9 @@ impl Told {
             runtime: self.runtime,
             views: self.views,
             format: self.format,
+            depth_format: self.depth_format,
             samples: stats.samples(),
+            budget: stats.budget(),
             sharing: self.sharing,
             device: self.device,
             presenting_device: self.presenting_device,

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::cli::output::{self, Percentiles};
 use crate::error::Result;
+use crate::frame::budget::Held;
 use crate::frame::{FrameReport, StageMs};
 use crate::measure::stats::percentile;
 
@@ -19,6 +20,8 @@ pub struct Shown {
     pub pose_ms: f64,
     /// What the renderer did.
     pub report: FrameReport,
+    /// What it was made with where its time is held.
+    pub held: Option<Held>,
 }
 
 /// Counts and times, while they come.
@@ -32,13 +35,18 @@ pub struct Stats {
     pub dropped: u64,
     /// Sessions and runtimes lost.
     pub losses: u32,
+    /// What the first picture was made with whose time was held.
+    first_held: Option<Held>,
     kept: Vec<Shown>,
+    newest: usize,
 }
 
 impl Stats {
     /// Counts a picture.
     pub fn push(&mut self, shown: Shown, on_time: bool) {
         let place = (self.frames % KEPT as u64) as usize;
+        self.first_held = self.first_held.or(shown.held);
+        self.newest = place;
         if place < self.kept.len() {
             self.kept[place] = shown;
         } else {
@@ -69,7 +77,17 @@ impl Stats {
 
     /// Samples of the newest picture.
     pub fn samples(&self) -> usize {
-        self.kept.last().map_or(0, |shown| shown.report.samples)
+        self.kept.get(self.newest).map_or(0, |shown| shown.report.samples)
+    }
+
+    /// What became of the time that pictures were held to; `None` where it was not held.
+    pub fn budget(&self) -> Option<Budget> {
+        let last = self.kept.get(self.newest)?.held?;
+        let held = self.kept.iter().filter_map(|shown| Some((shown, shown.held?.target_ms?)));
+        let within: Vec<f64> =
+            held.map(|(shown, target)| f64::from(u8::from(shown.report.frame_ms <= target))).collect();
+        let share = within.iter().sum::<f64>() / within.len() as f64;
+        Some(Budget { first: self.first_held?, last, within: Some(share).filter(|share| share.is_finite()) })
     }
 }
 
@@ -90,6 +108,18 @@ pub struct ViewSummary {
     pub gaze: [f64; 2],
     /// How much wider than usual the sharp region was: more than 1 while the eyes jump.
     pub widening: f64,
+}
+
+/// How pictures' time was held.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Budget {
+    /// What the first picture was made with.
+    pub first: Held,
+    /// The newest.
+    pub last: Held,
+    /// The share of pictures that were rendered in the time that they might take; `null` where only a score
+    /// was wanted.
+    pub within: Option<f64>,
 }
 
 /// What a run tells with `--json`.
@@ -113,8 +143,12 @@ pub struct Summary {
     pub views: Vec<ViewSummary>,
     /// The images' format.
     pub format: String,
-    /// Shaded samples of a frame.
+    /// The format of the depths beside them; `null` where none are handed over.
+    pub depth_format: Option<String>,
+    /// Shaded samples of the newest picture.
     pub samples: usize,
+    /// How pictures' time was held; `null` where it was not.
+    pub budget: Option<Budget>,
     /// `zero-copy` or `staged`.
     pub sharing: String,
     /// The tracing device.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
+use super::keys::Keys;
 use crate::config::{HeadsetConfig, Turn, Walk};
 use crate::foveation::{BitMask, GazeFilter, GazeSample, GazeTarget};
 use crate::headset::locomotion::{Hands, Manner, Walker, upright};
@@ -18,14 +19,21 @@ const STEADY: f64 = 0.01;
 const STEADY_WIDENING: f64 = 0.2;
 /// Eyes above the ground where nothing tells, in metres.
 const USUAL_HEIGHT: f64 = 1.6;
+/// How much faster keys move while hurrying.
+const HURRY: f64 = 3.0;
+/// Seconds at most that a key counts in one frame, however long that took.
+const LONGEST_STEP: f64 = 0.1;
 /// The steepest ground that one can stand on: the cosine of its slope.
 const STEEPEST: f64 = 0.7;
 
 /// The wearer.
 pub struct Wearer {
+    rest: Pose,
     walker: Walker,
     height: f64,
     manner: Manner,
+    /// Metres a second by keys.
+    speed: f64,
     teleports: bool,
     looks: Vec<Look>,
     time: Option<i64>,
@@ -57,26 +65,29 @@ impl Wearer {
         let below = pick::nearest(&scene.mesh, rest.position - scene.anchor, DVec3::NEG_Y);
         let height = below.map_or(USUAL_HEIGHT, |(point, _)| rest.position.y - (scene.anchor.y + point.y));
         let turn = if config.turn == Turn::Off { 0.0 } else { config.turn_degrees.to_radians() };
+        let rest = Pose { rotation: upright(rest.rotation), position: rest.position };
         Wearer {
-            walker: Walker::new(Pose { rotation: upright(rest.rotation), position: rest.position }),
+            rest,
+            walker: Walker::new(rest),
             height: height.clamp(0.5, 2.5),
             manner: Manner {
                 speed: if config.walk == Walk::Smooth { config.speed } else { 0.0 },
                 turn,
                 smooth_turn: config.turn == Turn::Smooth,
             },
+            speed: if config.walk == Walk::Off { 0.0 } else { config.speed },
             teleports: config.walk == Walk::Teleport,
             looks: Vec::new(),
             time: None,
         }
     }
 
-    /// Moves as the hands say until a time, in nanoseconds.
-    pub fn walk(&mut self, hands: &Hands, eyes: &[EyeView], time: i64, scene: &Scene) {
+    /// Moves as hands and keys say until a time, in nanoseconds.
+    pub fn walk(&mut self, hands: &Hands, keys: &Keys, eyes: &[EyeView], time: i64, scene: &Scene) {
         let seconds = self.time.map_or(0.0, |last| time.saturating_sub(last) as f64 * 1e-9);
         self.time = Some(time);
         let head = between(eyes);
-        self.walker.step(hands, &head, &self.manner, seconds);
+        self.step(hands, keys, &head, seconds);
         if let Some(aim) = hands.aim.filter(|_| hands.teleport && self.teleports) {
             let aim = self.walker.world_from_space.then(aim);
             let hit = pick::nearest(&scene.mesh, aim.position - scene.anchor, aim.rotation * DVec3::NEG_Z);
@@ -84,6 +95,24 @@ impl Wearer {
                 self.walker.stand_on(point + scene.anchor, &head, self.height);
             }
         }
+    }
+
+    /// Keys go before hands; they walk smoothly even where controllers teleport.
+    fn step(&mut self, hands: &Hands, keys: &Keys, head: &Pose, seconds: f64) {
+        if keys.recentre {
+            self.walker.recentre(self.rest, head);
+        }
+        let speed = self.speed * if keys.hurry { HURRY } else { 1.0 };
+        let level = DVec2::new(keys.go.x, -keys.go.z);
+        let by_keys = level != DVec2::ZERO;
+        let hands = Hands {
+            go: if by_keys { level } else { hands.go },
+            turn: if keys.turn == 0.0 { hands.turn } else { keys.turn },
+            ..*hands
+        };
+        let manner = if by_keys { Manner { speed, ..self.manner } } else { self.manner };
+        self.walker.step(&hands, head, &manner, seconds);
+        self.walker.rise(keys.go.y * speed * seconds.clamp(0.0, LONGEST_STEP));
     }
 
     /// A pose of the tracked space in the scene.

@@ -132,6 +132,21 @@ fn impossible_targets_and_times_end_at_the_ends() {
 }
 
 #[test]
+fn another_display_period_is_another_target() {
+    let mut controller = start(3.0);
+    controller.retarget(Target { ms: 11.0, score: 10.0 });
+    assert_eq!(controller.held(), start(11.0).held(), "nothing is known of frames yet");
+    run(&mut controller, 2.0, 50);
+    let before = controller.held();
+    controller.retarget(Target { ms: 11.0, score: 10.0 });
+    assert_eq!(controller.held(), before);
+    controller.retarget(Target { ms: 5.5, score: 10.0 });
+    assert!(cost(&controller.held(), 2.0) < 5.8, "at once, with the load that is known");
+    let times = run(&mut controller, 2.0, 100);
+    assert!(times.iter().all(|ms| (4.0..5.8).contains(ms)), "{times:?}");
+}
+
+#[test]
 fn ladders_keep_to_one_family() {
     let mut mixed = points();
     mixed.push(OperatingPoint { method: Method::KNearest, frame_ms: 1.0, score: 9.0, ..mixed[0] });

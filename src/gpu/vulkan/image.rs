@@ -8,7 +8,7 @@ use ash::vk;
 use super::commands::Commands;
 use super::context::Context;
 use super::memory::{BufferRef, HostBuffer, allocate};
-use super::pipeline::render_pass;
+use super::pipeline::{Attachments, render_pass};
 use crate::error::{Error, Result};
 
 /// What a target's numbers mean.
@@ -55,9 +55,10 @@ pub(super) struct TargetInner {
     memory: vk::DeviceMemory,
     pub image: vk::Image,
     view: vk::ImageView,
+    depth_view: vk::ImageView,
     pass: vk::RenderPass,
     pub framebuffer: vk::Framebuffer,
-    pub format: vk::Format,
+    pub attachments: Attachments,
     pub extent: vk::Extent2D,
 }
 
@@ -70,6 +71,7 @@ impl Drop for TargetInner {
             device.destroy_framebuffer(self.framebuffer, None);
             device.destroy_render_pass(self.pass, None);
             device.destroy_image_view(self.view, None);
+            device.destroy_image_view(self.depth_view, None);
             if self.memory != vk::DeviceMemory::null() {
                 device.destroy_image(self.image, None);
                 device.free_memory(self.memory, None);
@@ -78,8 +80,8 @@ impl Drop for TargetInner {
     }
 }
 
-/// One layer of an image that pictures are drawn into, in the layout COLOR_ATTACHMENT_OPTIMAL.
-/// Clones are the same target.
+/// One layer of an image that pictures are drawn into, in the layout COLOR_ATTACHMENT_OPTIMAL, and, where
+/// there is one, of an image for their depths. Clones are the same target.
 #[derive(Clone)]
 pub struct Target(pub(super) Arc<TargetInner>);
 
@@ -98,7 +100,21 @@ impl Target {
         height: u32,
         layer: u32,
     ) -> Result<Self> {
-        Self::with_image(context, image, vk::DeviceMemory::null(), format, (width, height), layer)
+        Self::with_image(context, image, vk::DeviceMemory::null(), format, None, (width, height), layer)
+    }
+
+    /// The first layers of two images made elsewhere, each with its format: for colours and for depths.
+    ///
+    /// # Safety
+    /// As [`Target::from_raw`] for both; the second was made as a depth attachment, and is in the layout
+    /// DEPTH_STENCIL_ATTACHMENT_OPTIMAL whenever commands draw.
+    pub unsafe fn from_raw_with_depth(
+        context: &Context,
+        (image, format): (vk::Image, vk::Format),
+        depth: (vk::Image, vk::Format),
+        size: (u32, u32),
+    ) -> Result<Self> {
+        Self::with_image(context, image, vk::DeviceMemory::null(), format, Some(depth), size, 0)
     }
 
     fn with_image(
@@ -106,6 +122,7 @@ impl Target {
         image: vk::Image,
         memory: vk::DeviceMemory,
         format: vk::Format,
+        depth: Option<(vk::Image, vk::Format)>,
         (width, height): (u32, u32),
         layer: u32,
     ) -> Result<Self> {
@@ -115,24 +132,33 @@ impl Target {
             memory,
             image,
             view: vk::ImageView::null(),
+            depth_view: vk::ImageView::null(),
             pass: vk::RenderPass::null(),
             framebuffer: vk::Framebuffer::null(),
-            format,
+            attachments: Attachments { color: format, depth: depth.map(|(_, format)| format) },
             extent: vk::Extent2D { width, height },
         };
-        let range = color_range(layer);
-        let info = vk::ImageViewCreateInfo::default()
-            .image(image)
-            .view_type(vk::ImageViewType::TYPE_2D)
-            .format(format)
-            .subresource_range(range);
-        target.pass = render_pass(context, format)?;
-        // SAFETY: the image is a valid colour attachment, by the callers' contract.
+        let view = |image, format, range| {
+            let info = vk::ImageViewCreateInfo::default()
+                .image(image)
+                .view_type(vk::ImageViewType::TYPE_2D)
+                .format(format)
+                .subresource_range(range);
+            // SAFETY: the image is a valid attachment, by the callers' contract.
+            unsafe { device.create_image_view(&info, None) }
+                .map_err(|code| context.refused("an image view", code))
+        };
+        target.pass = render_pass(context, target.attachments)?;
+        target.view = view(image, format, color_range(layer))?;
+        let mut views = vec![target.view];
+        if let Some((image, format)) = depth {
+            let range = color_range(layer);
+            let range = vk::ImageSubresourceRange { aspect_mask: vk::ImageAspectFlags::DEPTH, ..range };
+            target.depth_view = view(image, format, range)?;
+            views.push(target.depth_view);
+        }
+        // SAFETY: the views and the pass fit each other.
         unsafe {
-            target.view = device
-                .create_image_view(&info, None)
-                .map_err(|code| context.refused("an image view", code))?;
-            let views = [target.view];
             let info = vk::FramebufferCreateInfo::default()
                 .render_pass(target.pass)
                 .attachments(&views)
@@ -163,7 +189,12 @@ impl Target {
 
     /// The pixels' format.
     pub fn format(&self) -> vk::Format {
-        self.0.format
+        self.0.attachments.color
+    }
+
+    /// The formats of colours and depths.
+    pub fn attachments(&self) -> Attachments {
+        self.0.attachments
     }
 }
 
@@ -201,7 +232,7 @@ impl Image {
             problem: format!("pictures of format {format:?} cannot be read back; choose another format"),
         })?;
         let (image, memory) = create_image(context, format, width, height)?;
-        let target = Target::with_image(context, image, memory, format, (width, height), 0)?;
+        let target = Target::with_image(context, image, memory, format, None, (width, height), 0)?;
         let mut commands = Commands::new(context)?;
         commands.begin()?;
         commands.clear(&target);

@@ -19,7 +19,7 @@ pub use context::{
 };
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
-pub use pipeline::{ComputePipeline, PassPipeline, Shader};
+pub use pipeline::{Attachments, ComputePipeline, PassPipeline, Shader};
 pub use swapchain::{Shown, Swapchain, Window, window_extensions};
 
 #[cfg(test)]

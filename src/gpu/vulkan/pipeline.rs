@@ -168,13 +168,29 @@ fn entry_name(entry: &str) -> CString {
     CString::new(entry).unwrap_or_default()
 }
 
+/// What the pixels of a target are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Attachments {
+    /// The format of colours.
+    pub color: vk::Format,
+    /// The format of depths, where there are any.
+    pub depth: Option<vk::Format>,
+}
+
+impl From<vk::Format> for Attachments {
+    fn from(color: vk::Format) -> Self {
+        Attachments { color, depth: None }
+    }
+}
+
 /// A fragment entry point that is run for each pixel of a rectangle of a colour target.
 #[derive(Clone)]
 pub struct PassPipeline(pub(super) Arc<Pipeline>);
 
 impl PassPipeline {
     /// Builds a vertex entry point that covers the target with three vertices, and a fragment entry
-    /// point that writes location 0 of targets of `format`.
+    /// point that writes location 0 of targets of these formats; where they have depths, the fragment's, or
+    /// the vertices' where it has none, replaces what was there.
     ///
     /// # Errors
     /// [`Error::Kernel`] if the driver cannot compile them.
@@ -183,13 +199,14 @@ impl PassPipeline {
         shader: &Shader,
         vertex: &str,
         fragment: &str,
-        format: vk::Format,
+        attachments: impl Into<Attachments>,
     ) -> Result<Self> {
+        let attachments = attachments.into();
         let stages = vk::ShaderStageFlags::FRAGMENT;
         let mut pipeline = Pipeline {
             handle: vk::Pipeline::null(),
             layout: Layout::new(context, shader, stages)?,
-            pass: render_pass(context, format)?,
+            pass: render_pass(context, attachments)?,
         };
         let module = Module::new(context, shader)?;
         let (vertex_name, fragment_name) = (entry_name(vertex), entry_name(fragment));
@@ -207,10 +224,15 @@ impl PassPipeline {
         let raster = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
         let samples = vk::PipelineMultisampleStateCreateInfo::default()
             .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        let attachments =
+        let written =
             [vk::PipelineColorBlendAttachmentState::default()
                 .color_write_mask(vk::ColorComponentFlags::RGBA)];
-        let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments);
+        let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&written);
+        // Ignored by passes without depths.
+        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
+            .depth_test_enable(true)
+            .depth_write_enable(true)
+            .depth_compare_op(vk::CompareOp::ALWAYS);
         let states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&states);
         let info = [vk::GraphicsPipelineCreateInfo::default()
@@ -221,6 +243,7 @@ impl PassPipeline {
             .rasterization_state(&raster)
             .multisample_state(&samples)
             .color_blend_state(&blend)
+            .depth_stencil_state(&depth)
             .dynamic_state(&dynamic)
             .layout(pipeline.layout.pipeline)
             .render_pass(pipeline.pass)];
@@ -232,20 +255,35 @@ impl PassPipeline {
     }
 }
 
-/// A pass with one colour attachment, whose pixels outside the render area are kept.
-pub(super) fn render_pass(context: &Context, format: vk::Format) -> Result<vk::RenderPass> {
-    let layout = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
-    let attachments = [vk::AttachmentDescription::default()
-        .format(format)
-        .samples(vk::SampleCountFlags::TYPE_1)
-        .load_op(vk::AttachmentLoadOp::DONT_CARE)
-        .store_op(vk::AttachmentStoreOp::STORE)
-        .initial_layout(layout)
-        .final_layout(layout)];
-    let colors = [vk::AttachmentReference::default().layout(layout)];
-    let subpasses = [vk::SubpassDescription::default()
+/// A pass that writes colours, and depths where there are any; pixels outside the render area are kept.
+pub(super) fn render_pass(context: &Context, attachments: Attachments) -> Result<vk::RenderPass> {
+    let attachment = |format, layout| {
+        vk::AttachmentDescription::default()
+            .format(format)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .load_op(vk::AttachmentLoadOp::DONT_CARE)
+            .store_op(vk::AttachmentStoreOp::STORE)
+            .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
+            .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
+            .initial_layout(layout)
+            .final_layout(layout)
+    };
+    let reference = |index, layout| vk::AttachmentReference::default().attachment(index).layout(layout);
+    let (color_layout, depth_layout) =
+        (vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL, vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL);
+    let colors = [reference(0, color_layout)];
+    let depths = reference(1, depth_layout);
+    let mut subpass = vk::SubpassDescription::default()
         .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
-        .color_attachments(&colors)];
+        .color_attachments(&colors);
+    if attachments.depth.is_some() {
+        subpass = subpass.depth_stencil_attachment(&depths);
+    }
+    let subpasses = [subpass];
+    let attachments: Vec<_> = [attachment(attachments.color, color_layout)]
+        .into_iter()
+        .chain(attachments.depth.map(|format| attachment(format, depth_layout)))
+        .collect();
     let info = vk::RenderPassCreateInfo::default().attachments(&attachments).subpasses(&subpasses);
     // SAFETY: the arrays outlive the call.
     unsafe { context.0.device.create_render_pass(&info, None) }

@@ -23,4 +23,5 @@ pub use fault::{Fault, Outcome};
 pub use gaze::Gaze;
 pub use runtime::Runtime;
 pub use session::{EyeView, Frame, Next, Options, Session};
+pub use swapchain::Formats;
 pub use visibility::HiddenMesh;

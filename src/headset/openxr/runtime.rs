@@ -18,6 +18,8 @@ pub struct Runtime {
     pub(super) views: xr::ViewConfigurationType,
     pub(super) sizes: Vec<xr::ViewConfigurationView>,
     pub(super) blend: xr::EnvironmentBlendMode,
+    /// Whether layers may tell depths.
+    pub(super) takes_depth: bool,
     name: String,
 }
 
@@ -38,7 +40,8 @@ impl Runtime {
         if !offered.khr_vulkan_enable2 {
             return Err(missing("the active runtime lacks XR_KHR_vulkan_enable2; use SteamVR or Monado"));
         }
-        let instance = create_instance(&entry, &wanted(&offered)).map_err(unanswered)?;
+        let extensions = wanted(&offered);
+        let instance = create_instance(&entry, &extensions).map_err(unanswered)?;
         let properties = instance.properties().called("xrGetInstanceProperties")?;
         let name = format!("{} {}", properties.runtime_name, properties.runtime_version);
         let system = instance.system(xr::FormFactor::HEAD_MOUNTED_DISPLAY).map_err(|code| match code {
@@ -57,7 +60,8 @@ impl Runtime {
             .first()
             .copied()
             .unwrap_or(xr::EnvironmentBlendMode::OPAQUE);
-        Ok(Runtime { instance, system, views, sizes, blend, name })
+        let takes_depth = extensions.khr_composition_layer_depth;
+        Ok(Runtime { instance, system, views, sizes, blend, takes_depth, name })
     }
 
     /// Makes the Vulkan device that the runtime presents from.
@@ -90,6 +94,7 @@ fn unanswered(code: xr::sys::Result) -> Fault {
 fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
     let mut wanted = xr::ExtensionSet::default();
     wanted.khr_vulkan_enable2 = true;
+    wanted.khr_composition_layer_depth = offered.khr_composition_layer_depth;
     wanted.khr_convert_timespec_time = offered.khr_convert_timespec_time;
     wanted.khr_visibility_mask = offered.khr_visibility_mask;
     wanted.ext_eye_gaze_interaction = offered.ext_eye_gaze_interaction;

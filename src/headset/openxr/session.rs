@@ -2,7 +2,6 @@
 
 use std::time::{Duration, Instant};
 
-use ash::vk;
 use openxr as xr;
 
 use super::actions::Actions;
@@ -11,7 +10,7 @@ use super::fault::{Called, Fault, Outcome};
 use super::gaze::{self, EyeTracker, Gaze};
 use super::lifecycle::{Duty, Lifecycle};
 use super::runtime::Runtime;
-use super::swapchain::{ViewImages, choose_format};
+use super::swapchain::{Formats, ViewImages, choose_formats};
 use super::visibility::HiddenMesh;
 use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
@@ -66,6 +65,8 @@ pub struct Options {
     pub gaze: bool,
     /// Pictures a second to ask the headset for; 0 for its own choice.
     pub refresh_hz: f64,
+    /// Hand over depths beside pictures where the runtime takes them.
+    pub depth: bool,
 }
 
 /// A session with the runtime.
@@ -81,7 +82,7 @@ pub struct Session {
     instance: xr::Instance,
     views: xr::ViewConfigurationType,
     blend: xr::EnvironmentBlendMode,
-    format: vk::Format,
+    formats: Formats,
     life: Lifecycle,
     clock: FrameClock,
     exit: Option<Instant>,
@@ -109,7 +110,7 @@ impl Session {
         session.attach_action_sets(&sets).called("xrAttachSessionActionSets")?;
         extras::request(&session, options.refresh_hz);
         let hidden = extras::hidden(&session, runtime.views, runtime.sizes.len());
-        let format = choose_format(&session)?;
+        let formats = choose_formats(&session, options.depth && runtime.takes_depth)?;
         let limit = context.image_size_limit();
         let fit = |wanted: Option<u32>, recommended: u32, most: u32| {
             wanted.unwrap_or(recommended).clamp(1, most.min(limit).max(1))
@@ -122,7 +123,7 @@ impl Session {
                     fit(options.size[0], view.recommended_image_rect_width, view.max_image_rect_width);
                 let height =
                     fit(options.size[1], view.recommended_image_rect_height, view.max_image_rect_height);
-                ViewImages::new(&session, context, format, (width, height))
+                ViewImages::new(&session, context, formats, (width, height))
             })
             .collect::<Outcome<Vec<_>>>()?;
         Ok(Session {
@@ -136,7 +137,7 @@ impl Session {
             instance: runtime.instance.clone(),
             views: runtime.views,
             blend: runtime.blend,
-            format,
+            formats,
             life: Lifecycle::default(),
             clock: FrameClock::default(),
             exit: None,
@@ -152,9 +153,9 @@ impl Session {
         self.images.iter().map(ViewImages::size).collect()
     }
 
-    /// The format of all images.
-    pub fn format(&self) -> vk::Format {
-        self.format
+    /// The formats of all images.
+    pub fn formats(&self) -> Formats {
+        self.formats
     }
 
     /// What the lenses hide of each view, and a number that grows when that changes.
@@ -318,7 +319,7 @@ impl Session {
     /// # Errors
     /// Where session or runtime are lost.
     pub fn acquire(&mut self) -> Outcome<Vec<Target>> {
-        self.images.iter_mut().map(|images| images.acquire().cloned()).collect()
+        self.images.iter_mut().map(ViewImages::acquire).collect()
     }
 
     /// Ends a frame, and tells whether that was before it is to be shown. `shown` are the views as they
@@ -330,16 +331,13 @@ impl Session {
         for images in &mut self.images {
             images.release()?;
         }
+        let depths: Vec<_> = self.images.iter().map(ViewImages::depth_info).collect();
+        let images = self.images.iter().zip(&depths);
         let views: Vec<_> = shown
             .unwrap_or_default()
             .iter()
-            .zip(&self.images)
-            .map(|(eye, images)| {
-                xr::CompositionLayerProjectionView::new()
-                    .pose(convert::posef(eye.space_from_eye))
-                    .fov(convert::fovf(&eye.fov))
-                    .sub_image(images.sub_image())
-            })
+            .zip(images)
+            .map(|(eye, (images, depth))| images.layer_view(eye, depth.as_ref()))
             .collect();
         let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
         let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };

@@ -31,7 +31,9 @@ impl Waiter {
                 }
             }
         };
-        Waiter { ask: Some(ask), answers, thread: Some(std::thread::spawn(wait)), asked: false }
+        // Without a thread nothing answers, which the first frame tells.
+        let thread = std::thread::Builder::new().name("xr-wait".into()).spawn(wait).ok();
+        Waiter { ask: Some(ask), answers, thread, asked: false }
     }
 
     /// Asks for the next frame, if that was not done yet.

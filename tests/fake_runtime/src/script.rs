@@ -108,6 +108,11 @@ pub struct Head {
     pub velocity: [f32; 3],
     /// Degrees per second, to the left.
     pub yaw_rate: f32,
+    /// How much farther the head turns out to be each time that a frame's views are asked for once more:
+    /// degrees to the left, since predictions get better.
+    pub learned_yaw: f32,
+    /// The same in metres.
+    pub learned_shift: [f32; 3],
 }
 
 /// Where both eyes look, from a frame on.
@@ -264,7 +269,8 @@ pub enum EventKind {
 pub struct Dump {
     /// The frame, counted by xrEndFrame from 1.
     pub frame: u64,
-    /// The folder; `view0.raw` and so on hold the rows of each sub-image, in its format.
+    /// The folder; `view0.raw` and so on hold the rows of each sub-image, in its format, and `depth0.raw` and
+    /// so on those of the depths that are told beside them.
     pub folder: PathBuf,
 }
 

@@ -60,6 +60,13 @@ pub(crate) fn head(head: &Head, seconds: f64) -> Pose {
     Pose { turn: Quat::from_rotation_y(angle as f32), place }
 }
 
+/// By how much it is elsewhere in the LOCAL space where its views were asked for so many times before.
+pub(crate) fn learned(head: &Head, times: u32) -> Pose {
+    let times = times as f32;
+    let turn = Quat::from_rotation_y(head.learned_yaw.to_radians() * times);
+    Pose { turn, place: Vec3::from(head.learned_shift) * times }
+}
+
 /// A view in the head's space.
 pub(crate) fn view(view: &View) -> Pose {
     let [yaw, pitch, roll] = view.turn.map(f32::to_radians);

@@ -18,6 +18,13 @@ use crate::vulkan::Part;
 
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
 
+/// What a layer shows of a swapchain: a view's picture or its depths.
+struct Shown {
+    name: String,
+    swapchain: u64,
+    part: Part,
+}
+
 /// An application that waits this long for itself has locked itself out.
 const DEADLOCK: Duration = Duration::from_secs(20);
 
@@ -154,7 +161,7 @@ impl Runtime {
         &mut self,
         session: u64,
         layer: &xr::CompositionLayerProjection,
-        parts: &mut Vec<(u64, Part)>,
+        parts: &mut Vec<Shown>,
     ) -> Result<Value, Refusal> {
         let space = self.space_name(layer.space)?;
         let views = nested::layer_views(layer);
@@ -164,7 +171,7 @@ impl Runtime {
             return Err(invalid(format!("{} views in a layer of {expected}", views.len())));
         }
         let mut described = Vec::new();
-        for view in views {
+        for (index, view) in views.iter().enumerate() {
             if view.ty != xr::CompositionLayerProjectionView::TYPE {
                 return Err(invalid(format!("{:?} stands where a layer's view must", view.ty)));
             }
@@ -175,9 +182,13 @@ impl Runtime {
                 "pose": pose.list(), "fov": fov, "swapchain": view.sub_image.swapchain.into_raw(),
                 "rect": [part.x, part.y, part.width as i32, part.height as i32], "array_index": part.layer,
             });
-            parts.push((view.sub_image.swapchain.into_raw(), part));
+            let swapchain = view.sub_image.swapchain.into_raw();
+            parts.push(Shown { name: format!("view{index}"), swapchain, part });
             if let Some(depth) = abi::chained::<xr::CompositionLayerDepthInfoKHR>(view.next, view) {
-                entry["depth"] = self.depth(session, depth, part)?;
+                let (described, part) = self.depth(session, depth, part)?;
+                entry["depth"] = described;
+                let swapchain = depth.sub_image.swapchain.into_raw();
+                parts.push(Shown { name: format!("depth{index}"), swapchain, part });
             }
             described.push(entry);
         }
@@ -190,26 +201,30 @@ impl Runtime {
         session: u64,
         depth: &xr::CompositionLayerDepthInfoKHR,
         colour: Part,
-    ) -> Result<Value, Refusal> {
+    ) -> Result<(Value, Part), Refusal> {
         self.needs("XR_KHR_composition_layer_depth")?;
         let part = self.part(session, &depth.sub_image)?;
         let range = depth.min_depth..=depth.max_depth;
-        if !(0.0..=1.0).contains(range.start()) || !(0.0..=1.0).contains(range.end()) || range.is_empty() {
+        let within = |depth: &f32| (0.0..=1.0).contains(depth);
+        if !within(range.start()) || !within(range.end()) || range.start() >= range.end() {
             return Err(invalid(format!("depths from {:?} are not between 0 and 1", range)));
         }
-        if depth.near_z == depth.far_z || depth.near_z < 0.0 || depth.far_z < 0.0 {
+        if depth.near_z == depth.far_z || !(depth.near_z >= 0.0 && depth.far_z >= 0.0) {
             return Err(invalid(format!("depth between {} and {} metres", depth.near_z, depth.far_z)));
         }
         let usage = self.swapchain(depth.sub_image.swapchain.into_raw())?.shape.usage;
         if !usage.contains(ash::vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT) {
             return Err(invalid("depth in a swapchain of colours"));
         }
-        Ok(json!({
+        let described = json!({
+            "swapchain": depth.sub_image.swapchain.into_raw(),
             "rect": [part.x, part.y, part.width as i32, part.height as i32],
             "same_size": (part.width, part.height) == (colour.width, colour.height),
-            "near_z": depth.near_z, "far_z": f64::from(depth.far_z).min(f64::MAX),
+            // JSON knows no infinity.
+            "near_z": depth.near_z.min(f32::MAX), "far_z": depth.far_z.min(f32::MAX),
             "min_depth": depth.min_depth, "max_depth": depth.max_depth,
-        }))
+        });
+        Ok((described, part))
     }
 
     /// Checks a sub-image.
@@ -251,15 +266,15 @@ impl Runtime {
     }
 
     /// Writes the sub-images of a frame into a folder.
-    fn dump(&mut self, session: u64, parts: &[(u64, Part)], folder: &Path) -> Result<Vec<Value>, Refusal> {
+    fn dump(&mut self, session: u64, parts: &[Shown], folder: &Path) -> Result<Vec<Value>, Refusal> {
         let io = |error: std::io::Error| panic!("{}: {error}", folder.display());
         std::fs::create_dir_all(folder).unwrap_or_else(io);
         let mut written = Vec::new();
-        for (index, &(handle, part)) in parts.iter().enumerate() {
-            let bytes = self.read(session, handle, part)?;
-            let path = folder.join(format!("view{index}.raw"));
+        for Shown { name, swapchain, part } in parts {
+            let bytes = self.read(session, *swapchain, *part)?;
+            let path = folder.join(format!("{name}.raw"));
             std::fs::write(&path, bytes).unwrap_or_else(io);
-            let format = self.swapchain(handle)?.shape.format.as_raw();
+            let format = self.swapchain(*swapchain)?.shape.format.as_raw();
             written.push(json!({
                 "path": path, "width": part.width, "height": part.height, "format": format,
             }));

@@ -76,6 +76,7 @@ pub(crate) fn create(
             sync_frames: (0, 0),
             hidden_corners: BTreeMap::new(),
             refresh_rate: (1000.0 / runtime.script.period_ms) as f32,
+            asked: (0, 0),
         };
         let handle = runtime.objects.insert(instance.into_raw(), Object::Session(Box::new(object)));
         session.set(xr::Session::from_raw(handle))?;
@@ -104,6 +105,7 @@ pub(crate) fn begin(session: xr::Session, info: In<xr::SessionBeginInfo>) -> xr:
     enter("xrBeginSession", On::Session(session), |runtime, note| {
         let configuration = info.get()?.primary_view_configuration_type;
         note.set("configuration", format!("{configuration:?}"));
+        held().into_iter().for_each(|(key, count)| note.set(key, count));
         runtime.views(configuration)?;
         let handle = session.into_raw();
         let session = runtime.session(handle)?;

@@ -30,6 +30,7 @@ pub fn run(mistake: &str) {
     let entry = unsafe { hl::Entry::load(&()) }.unwrap();
     let mut extensions = hl::ExtensionSet::default();
     extensions.khr_vulkan_enable2 = true;
+    extensions.khr_composition_layer_depth = mistake.starts_with("depth") && mistake != "depth not enabled";
     let about = hl::ApplicationInfo { application_name: "client", ..Default::default() };
     let instance = entry.create_instance(&about, &extensions, &[], &()).unwrap();
     let system = instance.system(hl::FormFactor::HEAD_MOUNTED_DISPLAY).unwrap();
@@ -214,6 +215,10 @@ impl Application {
                 _ => {}
             }
         }
+        let depth = self.depth_info();
+        if let Some(view) = layers.first_mut().filter(|_| mistaken && self.mistake.starts_with("depth")) {
+            view.next = ptr::from_ref(&depth).cast();
+        }
         if mistaken && self.makes("one view") {
             layers.pop();
         }
@@ -281,6 +286,24 @@ impl Application {
             }
         };
         views.iter().zip(&self.swapchains).map(one).collect()
+    }
+
+    /// Depths that no runtime takes: they lie in the left eye's colours, and more may be wrong with them.
+    fn depth_info(&self) -> sys::CompositionLayerDepthInfoKHR {
+        let extent = sys::Extent2Di { width: 96, height: 80 };
+        sys::CompositionLayerDepthInfoKHR {
+            ty: sys::CompositionLayerDepthInfoKHR::TYPE,
+            next: ptr::null(),
+            sub_image: sys::SwapchainSubImage {
+                swapchain: self.swapchains[0].as_raw(),
+                image_rect: sys::Rect2Di { offset: sys::Offset2Di { x: 0, y: 0 }, extent },
+                image_array_index: 0,
+            },
+            min_depth: 0.0,
+            max_depth: if self.makes("depth too far") { 2.0 } else { 1.0 },
+            near_z: 0.1,
+            far_z: if self.makes("depth of no extent") { 0.1 } else { 100.0 },
+        }
     }
 
     fn leave(self) {

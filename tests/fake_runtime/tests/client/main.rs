@@ -1,6 +1,8 @@
 //! The runtime under a small application: a correct one passes, and each planted mistake is found.
 
 mod application;
+#[path = "../../../common/validation.rs"]
+mod validation;
 mod vulkan;
 
 use std::process::Command;
@@ -49,6 +51,17 @@ fn run_and_listen(mistake: &str, script: &Script) -> (Log, String) {
         String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{mistake}: {text}");
     (setup.log(), text)
+}
+
+/// What Khronos' layers say of the application with a mistake.
+fn run_under_layers(mistake: &str) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let setup = Setup::new(folder.path(), &Script::default());
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["--exact", "client", "--ignored", "--nocapture"]).env(MISTAKE, mistake);
+    let output = setup.apply(&mut command).envs(validation::environment(folder.path())).output().unwrap();
+    let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    validation::messages(folder.path(), &text.concat())
 }
 
 #[test]
@@ -117,6 +130,10 @@ fn each_mistake_is_found() {
         ("sync unattached", "xrSyncActions: an action set is synchronised that the session does not have"),
         ("no such input", "/user/hand/left/input/thumbstick/y is not of /interaction_profiles/khr"),
         ("stale handle", "xrAcquireSwapchainImage: there is no Swapchain"),
+        ("depth not enabled", "xrEndFrame: XR_KHR_composition_layer_depth is not enabled"),
+        ("depth too far", "xrEndFrame: depths from 0.0..=2.0 are not between 0 and 1"),
+        ("depth of no extent", "xrEndFrame: depth between 0.1 and 0.1 metres"),
+        ("depth of colours", "xrEndFrame: depth in a swapchain of colours"),
     ];
     for (mistake, expected) in mistakes {
         let violations = run(mistake, &Script::default()).violations();
@@ -128,6 +145,22 @@ fn each_mistake_is_found() {
     } else {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "Vulkan's validation layer is missing");
         println!("not run: Vulkan's validation layer is missing");
+    }
+    if validation::installed() {
+        for (mistake, expected) in [
+            ("", None),
+            ("wrong layout", Some("VUID-")),
+            ("wrong type", Some("VUID-XrFrameEndInfo-type-type")),
+            ("stale handle", Some("VUID-xrAcquireSwapchainImage-swapchain-parameter")),
+        ] {
+            let messages = run_under_layers(mistake);
+            match expected {
+                None => assert_eq!(messages, Vec::<String>::new()),
+                Some(expected) => {
+                    assert!(messages.iter().any(|m| m.contains(expected)), "{mistake}: {messages:?}");
+                }
+            }
+        }
     }
     for (mistake, expected) in [("instance left", "Instance"), ("space left", "Space")] {
         let leftovers = run(mistake, &Script::default()).leftovers();
