@@ -122,7 +122,8 @@ static ulong meet_beam_lane(const Leaf *l, uint lane, const Beam *b, ulong lit, 
     float3 e = vc - vb, f = va - vc, g = vb - va;
     float3 gu = 2.0f * cross(e, d), gv = 2.0f * cross(f, d), gw = 2.0f * cross(g, d);
     float3 normal = cross(f, g);
-    float plane = dot3(normal, va), facing = dot3(normal, d);
+    // Only the sign of this counts: as a factor it would make small scenes' products vanish.
+    float plane = dot3(normal, va), facing = sign(dot3(normal, d));
     float edge = max(max(max3(fabs(e)), max3(fabs(f))), max3(fabs(g)));
     float error = row[144 + lane] + edge * b->reach * (4.0f * VOLUME_ERROR);
     ulong hits = 0ul;

@@ -13,7 +13,7 @@ use glam::DVec3;
 
 use crate::bench::{all_pixels, on_every_device, spread, view};
 use crate::scenes::{self, on_sphere};
-use crate::stages::ULP;
+use crate::stages::{ULP, times};
 
 /// A repair, and the text that is there without it.
 struct Repair {
@@ -40,9 +40,22 @@ const REPAIRS: [Repair; 3] = [
     },
 ];
 
-/// The probe's kernels without a repair.
-fn text_without(repair: &Repair) -> String {
-    let text = source::probe_text();
+/// The same in shading.
+const IN_SHADING: [Repair; 2] = [
+    Repair {
+        name: "points of hits on slivers and inside of edges",
+        with: "    uint steady = f->steady;\n",
+        without: "    return max(m, 0.0f) / (m.x + m.y + m.z);\n    uint steady = f->steady;\n",
+    },
+    Repair {
+        name: "8 more bits for the alias table",
+        with: "(ulong)u.x * count + mul_hi(u.y << 24, count)",
+        without: "(ulong)u.x * count",
+    },
+];
+
+/// Kernels without a repair.
+fn text_without(repair: &Repair, text: String) -> String {
     assert!(text.contains(repair.with), "the kernels have no {} any more", repair.name);
     text.replace(repair.with, repair.without)
 }
@@ -141,13 +154,13 @@ fn accuracy_of_kernels_without_their_repairs() {
         let whole = source::probe_text();
         let (slivers, step) = (on_slivers(device, &whole), of_a_small_step(device, &whole));
         for repair in &REPAIRS {
-            let text = text_without(repair);
+            let text = text_without(repair, source::probe_text());
             let speeds: Vec<String> = speedups(device, &text)
                 .iter()
                 .map(|(kind, speed)| format!("{} {speed:.2}x", kind.name()))
                 .collect();
             println!(
-                "| {} | {slivers:.1} | {:.1} | {:.1} % | {:.0} % | {} |",
+                "| {} | {slivers:.1} | {:.1} | {:.1} % | {:.1} % | {} |",
                 repair.name,
                 on_slivers(device, &text),
                 100.0 * step,
@@ -158,13 +171,33 @@ fn accuracy_of_kernels_without_their_repairs() {
     });
 }
 
+#[test]
+#[ignore = "a minute, best on a quiet machine: make accuracy"]
+fn accuracy_of_shading_without_its_repairs() {
+    on_every_device(|device| {
+        println!("| repair | time of the stage without it, as a multiple |");
+        println!("| --- | --- |");
+        for (stage, repair) in IN_SHADING.iter().enumerate() {
+            let [with, without] =
+                [source::text(), text_without(repair, source::text())].map(|text| times(device, &text));
+            // The least of many interleaved runs: what others do on the machine only adds to it.
+            let least = (0..15)
+                .map(|_| [with()[stage], without()[stage]])
+                .fold([f64::INFINITY; 2], |least, ms| [least[0].min(ms[0]), least[1].min(ms[1])]);
+            println!("| {} | {:.2}x |", repair.name, least[1] / least[0]);
+        }
+    });
+}
+
 /// The repairs are still where this file says, and their absence still builds.
 #[test]
 fn kernels_without_repairs_build() {
     on_every_device(|device| {
         for repair in &REPAIRS {
             let options = source::options(&foveate::scene::Features::default(), 5, Walk::Together);
-            Program::build(device, repair.name, &text_without(repair), &options).unwrap();
+            Program::build(device, repair.name, &text_without(repair, source::probe_text()), &options)
+                .unwrap();
         }
+        IN_SHADING.iter().for_each(|repair| assert_ne!(text_without(repair, source::text()), source::text()));
     });
 }

@@ -7,7 +7,7 @@ use std::fmt::Write;
 
 use foveate::bvh::WideBvh;
 use foveate::gpu::opencl::{Arg, Buffer, Device, Program};
-use foveate::layout::{Shading, pack_normal, unpack_normal};
+use foveate::layout::{pack_normal, unpack_normal};
 use foveate::math::view::View;
 use foveate::reference::{self, Random, Ray, Surface, TextureMode, Tracer, brdf};
 use foveate::scene::importance::DirectionTable;
@@ -53,7 +53,7 @@ impl Worst {
 }
 
 /// The kernels' own functions on a device, called one at a time.
-struct Stages<'a> {
+pub struct Stages<'a> {
     device: &'a Device,
     program: Program,
     buffers: SceneBuffers,
@@ -61,7 +61,18 @@ struct Stages<'a> {
 
 impl<'a> Stages<'a> {
     fn new(device: &'a Device, scene: &Scene, bvh: &WideBvh, light: &Environment) -> Self {
-        let text = source::text() + include_str!("stages.cl");
+        Self::with_text(device, scene, bvh, light, &source::text())
+    }
+
+    /// With kernels of another text.
+    pub fn with_text(
+        device: &'a Device,
+        scene: &Scene,
+        bvh: &WideBvh,
+        light: &Environment,
+        text: &str,
+    ) -> Self {
+        let text = text.to_string() + include_str!("stages.cl");
         let options = source::options(&EVERYTHING, bvh.depth(), Walk::Together);
         let data = SceneData::pack(scene, bvh, light).unwrap();
         Stages {
@@ -80,14 +91,26 @@ impl<'a> Stages<'a> {
         count: usize,
         out: usize,
     ) -> Vec<T> {
+        self.timed(kernel, scene, args, count, out).0
+    }
+
+    /// The same, and how many milliseconds the device took.
+    fn timed<T: bytemuck::Pod>(
+        &self,
+        kernel: &str,
+        scene: bool,
+        args: &[Arg],
+        count: usize,
+        out: usize,
+    ) -> (Vec<T>, f64) {
         let found = Buffer::<T>::new(self.device, out).unwrap();
         found.write(&vec![T::zeroed(); out]).unwrap();
         let mut all = if scene { self.buffers.args(Walk::Together) } else { Vec::new() };
         all.extend(args);
         all.push(Arg::buffer(&found));
-        self.program.kernel(kernel).unwrap().launch(&all, count, 8).unwrap();
+        let event = self.program.kernel(kernel).unwrap().launch(&all, count, 8).unwrap();
         self.device.finish().unwrap();
-        found.to_vec().unwrap()
+        (found.to_vec().unwrap(), event.device_ms())
     }
 }
 
@@ -203,20 +226,38 @@ fn surfaces(device: &Device) -> Vec<Row> {
     rows
 }
 
-fn hit_points(device: &Device, scene: &Scene, bvh: &WideBvh, slim: bool) -> Vec<Row> {
-    let light = Environment::constant(Vec3::ONE);
-    let stages = Stages::new(device, scene, bvh, &light);
-    let hits = hits(device, scene, bvh, Walk::Together);
+/// A hit's weights, point, geometric and shading normal, and where rays that leave it start.
+type Found = [[f32; 3]; 5];
+
+/// All that is made of hits, and how many milliseconds that took.
+fn surface_stage(stages: &Stages, hits: &[(Ray, u32, u32, f64)]) -> (Vec<Found>, f64) {
     let flat = |v: DVec3| v.as_vec3().to_array();
     let origins: Vec<[f32; 3]> = hits.iter().map(|hit| flat(hit.0.origin)).collect();
     let directions: Vec<[f32; 3]> = hits.iter().map(|hit| flat(hit.0.direction)).collect();
     let places: Vec<u32> = hits.iter().map(|hit| hit.2).collect();
+    let device = stages.device;
     let (origins, directions) =
         [&origins, &directions].map(|v| Buffer::from_slice(device, v).unwrap()).into();
     let places = Buffer::from_slice(device, &places).unwrap();
     let args =
         [Arg::buffer(&origins), Arg::buffer(&directions), Arg::buffer(&places), Arg::U32(hits.len() as u32)];
-    let found: Vec<[[f32; 3]; 5]> = stages.run("stage_surface", true, &args, hits.len(), hits.len());
+    stages.timed("stage_surface", true, &args, hits.len(), hits.len())
+}
+
+/// Milliseconds of the surfaces of many hits, and of as many directions to an environment, with kernels of a text.
+pub fn times<'a>(device: &'a Device, text: &str) -> impl Fn() -> [f64; 2] + use<'a> {
+    let (scene, map) = (shape_of(scenes::soup(5, 900, 1.0)), noise());
+    let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    let hits = hits(device, &scene, &bvh, Walk::Together);
+    let stages = Stages::with_text(device, &scene, &bvh, &map, text);
+    move || [surface_stage(&stages, &hits).1, alias_stage(&stages).1]
+}
+
+fn hit_points(device: &Device, scene: &Scene, bvh: &WideBvh, slim: bool) -> Vec<Row> {
+    let light = Environment::constant(Vec3::ONE);
+    let stages = Stages::new(device, scene, bvh, &light);
+    let hits = hits(device, scene, bvh, Walk::Together);
+    let found = surface_stage(&stages, &hits).0;
     let tracer = Tracer::new(scene);
     let [mut weights, mut point, mut geometric, mut normal, mut lift] = [(); 5].map(|()| Worst::default());
     for ((ray, named, _, _), found) in hits.iter().zip(found) {
@@ -396,18 +437,25 @@ fn environment(device: &Device) -> Vec<Row> {
     ]
 }
 
+const FIRST: u32 = 512 * 2048 + 5;
+const ENTRIES: u32 = 96;
+const PER_ENTRY: u32 = 1 << 11;
+
+/// How many of the numbers that choose some entries of the alias table stay there.
+fn alias_stage(stages: &Stages) -> (Vec<u32>, f64) {
+    let args = [Arg::value(&stages.buffers.shading), Arg::U32(FIRST), Arg::U32(ENTRIES), Arg::U32(PER_ENTRY)];
+    stages.timed("stage_alias", true, &args, ENTRIES as usize, ENTRIES as usize)
+}
+
 /// How far the chance of staying at an entry of the alias table is from its threshold.
 fn alias(stages: &Stages, table: &DirectionTable) -> Row {
-    let (first, count, per_entry) = (512 * 2048 + 5, 96, 1 << 11);
-    let shading: &Shading = &stages.buffers.shading;
-    let args = [Arg::value(shading), Arg::U32(first), Arg::U32(count), Arg::U32(per_entry)];
-    let own: Vec<u32> = stages.run("stage_alias", true, &args, count as usize, count as usize);
+    let own = alias_stage(stages).0;
     let mut worst = Worst::default();
     for (i, own) in own.iter().enumerate() {
-        let entry = table.table.entries[first as usize + i];
+        let entry = table.table.entries[FIRST as usize + i];
         let threshold =
-            if entry.alias.abs_diff(first + i as u32) <= 1 { 1.0 } else { f64::from(entry.threshold) };
-        let chance = f64::from(*own) / f64::from(per_entry * 256);
+            if entry.alias.abs_diff(FIRST + i as u32) <= 1 { 1.0 } else { f64::from(entry.threshold) };
+        let chance = f64::from(*own) / f64::from(PER_ENTRY * 256);
         worst
             .see((chance - threshold).abs() / ULP, || format!("threshold {threshold:.1e}, 2048x1024 texels"));
     }
