@@ -458,6 +458,8 @@ __attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 or
     prepare_stream(s);
     while (depth) {
         uint2 top = stack[--depth];
+        if (kind == ANY && depth)
+            prefetch_link(scene, stack[depth - 1u].x);
         uint active = kind == ANY ? top.y & ~hits : top.y;
         if (!active)
             continue;
