@@ -230,12 +230,20 @@ __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global c
         for (; waiting && count < at_once; waiting &= waiting - 1ul)
             pixels[count++] = lowest_bit64(waiting);
         Block block;
-        bound_block(&block, &camera, left, top);
-        for (uint i = 0; i < BLOCK * BLOCK; ++i) {
+        float16 across[ROW_PAIRS], down[ROW_PAIRS];
+        float2 upper_left = INFINITY, lower_right = -INFINITY;
+        uint pairs = (count * rays + 15u) / 16u;
+        for (uint i = 0; i < 16u * pairs; ++i) {
             uint pixel = pixels[min(i / rays, count - 1u)];
-            float2 corner = (float2)(left + pixel % BLOCK, top + pixel / BLOCK);
-            set_block_ray(&block, i, ray_through(&camera, corner + point_in_pixel(i % rays, rays)));
+            float2 point = (float2)(left + pixel % BLOCK, top + pixel / BLOCK) + point_in_pixel(i % rays, rays);
+            ((float *)across)[i] = point.x;
+            ((float *)down)[i] = point.y;
+            upper_left = min(upper_left, point);
+            lower_right = max(lower_right, point);
         }
+        bound_rays(&block, &camera, upper_left, lower_right, pairs);
+        for (uint i = 0; i < pairs; ++i)
+            rays_through(&camera, across[i], down[i], &block.dx[i], &block.dy[i], &block.dz[i]);
         trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, camera.seed);
         for (uint p = 0; p < count; ++p) {
             uint x = left + pixels[p] % BLOCK, y = top + pixels[p] / BLOCK;

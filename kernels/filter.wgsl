@@ -23,9 +23,9 @@ var<immediate> parameters: Parameters;
 // Two for each SampleRecord: first and depth, second and normal.
 @group(0) @binding(0) var<storage, read> samples: array<vec4<u32>>;
 // k-nearest: one for each sample: radiance (red negative if there is none), 0.
-// Guided: two for each sample: first and depth, second and the normal as three signed bytes,
-// which read faster than an octahedron, with the sun's byte; depth is negative where the values
-// are borrowed from neighbours, and 0 where there is nothing to borrow.
+// Guided: one for each sample, since each pixel reads several: first and second (see `pack_light`), depth,
+// and the normal as three signed bytes, which read faster than an octahedron, with the sun's byte; depth is
+// negative where the values are borrowed from neighbours, and 0 where there is nothing to borrow.
 @group(0) @binding(1) var<storage, read_write> prepared: array<vec4<u32>>;
 // Samples that were not finite.
 @group(0) @binding(2) var<storage, read_write> dropped: atomic<u32>;
@@ -55,8 +55,8 @@ fn is_usable(first: vec4<u32>, second: vec4<u32>) -> bool {
 
 // `sun`: as in the high byte of SampleRecord's normal.
 fn keep(index: u32, first: vec3<f32>, depth: f32, second: vec3<f32>, normal: vec3<f32>, sun: u32) {
-    prepared[2u * index] = vec4(bitcast<vec3<u32>>(max(first, vec3(0.0))), bitcast<u32>(depth));
-    prepared[2u * index + 1u] = vec4(bitcast<vec3<u32>>(max(second, vec3(0.0))), pack_axes(normal, sun));
+    let light = vec2(pack_light(max(first, vec3(0.0))), pack_light(max(second, vec3(0.0))));
+    prepared[index] = vec4(light, bitcast<u32>(depth), pack_axes(normal, sun));
 }
 
 @compute @workgroup_size(64)

@@ -164,15 +164,16 @@ const MAPPED_NORMAL_EXPONENT = 1u;
 const SUN_RADIUS = 0.0023;
 // With less weight than this on its own surface, a pixel looks at more samples.
 const ENOUGH = 0.05;
+// It then looks at every third neighbour of its nearest sample: what all of them add is not seen.
+const STRIDE = 3u;
 
 // Adds a sample; `by_distance` is its weight by distance.
 fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f32, relaxed: f32) {
-    let sample = prepared[2u * index];
-    let sample_second = prepared[2u * index + 1u];
+    let sample = prepared[index];
     let packed = positions[index];
-    let depth = bitcast<f32>(sample.w);
+    let depth = bitcast<f32>(sample.z);
     let point = point_at(parameters.rays, f32(packed & 0xffffu), f32(packed >> 16u), depth);
-    let by_normal = normal_exponent(surface.normal, unpack_axes(sample_second.w), parameters.normal_power);
+    let by_normal = normal_exponent(surface.normal, unpack_axes(sample.w), parameters.normal_power);
     let by_plane = plane_exponent(
         surface.normal,
         point - surface.point,
@@ -187,12 +188,12 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
         valid,
     );
     let weight = by_distance * (own + other);
-    (*light).first += weight * bitcast<vec3<f32>>(sample.xyz);
-    (*light).second += weight * bitcast<vec3<f32>>(sample_second.xyz);
+    (*light).first += weight * unpack_emission(sample.x);
+    (*light).second += weight * unpack_emission(sample.y);
     (*light).sum += weight;
     (*light).own += by_distance * own;
-    let sun_weight = select(0.0, by_distance * own, (sample_second.w >> 24u & 1u) == surface.sun_centre);
-    (*light).sun += sun_weight * f32(sample_second.w >> 25u) / 127.0;
+    let sun_weight = select(0.0, by_distance * own, (sample.w >> 24u & 1u) == surface.sun_centre);
+    (*light).sun += sun_weight * f32(sample.w >> 25u) / 127.0;
     (*light).sun_sum += sun_weight;
 }
 
@@ -301,7 +302,7 @@ fn guided_radiance(at: vec2<u32>) -> vec3<f32> {
     if light.own < ENOUGH && parameters.sample_neighbours > 1u {
         let own = light.own;
         let needed = 1.0 - own / ENOUGH;
-        for (var j = 0u; j < parameters.sample_neighbours; j++) {
+        for (var j = 0u; j < parameters.sample_neighbours; j += STRIDE) {
             let index = nearest[j * parameters.count + indices[pixel]];
             let packed = positions[index];
             let off = vec2(f32(packed & 0xffffu), f32(packed >> 16u)) - place;

@@ -66,6 +66,12 @@ static void frame_around(float3 n, float3 *t, float3 *b)
 static uint lowest_bit(uint v) { return 31u - clz(v & (0u - v)); }
 static uint lowest_bit64(ulong v) { return 63u - (uint)clz(v & (0ul - v)); }
 
+// Bit i: whether lane i of a comparison holds.
+static ulong lanes_of(int8 holds)
+{
+    return (as_ulong(convert_char8(holds)) & 0x8040201008040201ul) * 0x0101010101010101ul >> 56;
+}
+
 static uint snorm16(float v) { return (uint)(int)floor(clamp(v, -1.0f, 1.0f) * 32767.0f + 0.5f) & 0xffffu; }
 
 static uint pack_normal(float3 n)

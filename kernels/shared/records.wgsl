@@ -59,6 +59,17 @@ fn unpack_emission(packed: u32) -> vec3<f32> {
     return mantissa * vec3(1.0 / 512.0, 1.0 / 512.0, 1.0 / 256.0) * scale;
 }
 
+// Three values of at least 0, as `unpack_emission` reads them; the blue one may be half a code below the
+// largest that its bits hold.
+fn pack_light(v: vec3<f32>) -> u32 {
+    let largest = clamp(max(v.x, max(v.y, v.z)), 1e-9, 4e9);
+    // The exponent of the power of two above it, as the float's bits have it.
+    let exponent = (bitcast<u32>(largest) >> 23u) - 126u + 31u;
+    let scale = bitcast<f32>((158u - exponent) << 23u);
+    let codes = vec3<u32>(round(min(v, vec3(4e9)) * scale * vec3(512.0, 512.0, 256.0)));
+    return min(codes.x, 511u) | min(codes.y, 511u) << 9u | min(codes.z, 255u) << 18u | exponent << 26u;
+}
+
 // Where a pixel looks: `corner + across * x + down * y`, in world orientation, is the point at depth
 // 1 metre of pixel centre (x, y).
 struct Rays {

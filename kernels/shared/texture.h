@@ -92,25 +92,19 @@ static float level_of_detail(__global const TextureUse *use, const TextureInfo *
     return clamp(0.5f * log2_area, 0.0f, (float)(info->packed & 0xffu) - 1.0f);
 }
 
+// Two levels are blended only about half way between them: elsewhere the nearer one serves alone,
+// which spares more than half of the second look-ups and does not show. The share of the coarser one.
+static float blend_of_levels(float lod) { return clamp((lod - floor(lod)) * 2.5f - 0.75f, 0.0f, 1.0f); }
+
 static float4 sample_texture(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
 {
     TextureInfo info = scene->textures[use->texture];
     float2 at = place_in_texture(use, &info, uv);
     float lod = level_of_detail(use, &info, footprint);
-    // Two levels are blended only about half way between them: elsewhere the nearer one serves alone,
-    // which spares more than half of the second look-ups and does not show.
     uint level = (uint)lod;
-    float blend = clamp((lod - (float)level) * 2.5f - 0.75f, 0.0f, 1.0f);
+    float blend = blend_of_levels(lod);
     if (blend >= 1.0f)
         return texture_level(scene, &info, level + 1u, at);
     float4 fine = texture_level(scene, &info, level, at);
     return blend > 0.0f ? mix(fine, texture_level(scene, &info, level + 1u, at), blend) : fine;
-}
-
-// The texel nearest to a place in the nearest level: for what need not be smooth.
-static float4 nearest_texel(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
-{
-    TextureInfo info = scene->textures[use->texture];
-    uint level = (uint)(level_of_detail(use, &info, footprint) + 0.5f);
-    return texel_at(scene, &info, level, place_in_texture(use, &info, uv));
 }

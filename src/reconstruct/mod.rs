@@ -35,6 +35,7 @@ use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
+use settings::PREPARED_BYTES;
 use tables::{Finders, Tables};
 use warp::Warp;
 
@@ -336,7 +337,7 @@ impl Prepare {
             let groups = [parameters.count.div_ceil(64), 1, 1];
             return commands.dispatch(filter, &buffers, bytemuck::bytes_of(&parameters), groups);
         }
-        let stride = settings.prepared_bytes();
+        let stride = PREPARED_BYTES;
         for first in (0..tables.count).step_by(SAMPLES_AT_ONCE) {
             let count = SAMPLES_AT_ONCE.min(tables.count - first);
             parameters.count = count as u32;
@@ -400,7 +401,7 @@ fn draw(
         let first_sample = band.first_sample as usize;
         let prepared = tables
             .prepared()
-            .part(first_sample * settings.prepared_bytes(), band.samples * settings.prepared_bytes());
+            .part(first_sample * PREPARED_BYTES, band.samples * PREPARED_BYTES);
         let positions = tables.positions().part(first_sample * 4, band.samples * 4);
         let visibility = visible_rows(frame, settings, tables, band)?;
         let buffers = [

@@ -8,6 +8,9 @@ pub const MAX_K: u32 = 16;
 /// Most samples that a sample is averaged with, itself included.
 pub const MAX_NEIGHBOURS: u32 = 25;
 
+/// Bytes of a sample after the first pass.
+pub(super) const PREPARED_BYTES: usize = 16;
+
 /// How samples weigh by their distance d from a pixel. R is the distance of the nearest sample that
 /// is not among the k, or twice the farthest's where there is none. Weights are scaled to sum to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -118,14 +121,6 @@ impl Settings {
         match self.mode {
             Mode::Guided(guided) => guided,
             Mode::KNearest => GuidedSettings::default(),
-        }
-    }
-
-    /// Bytes of a sample after the first pass.
-    pub(super) fn prepared_bytes(&self) -> usize {
-        match self.mode {
-            Mode::KNearest => 16,
-            Mode::Guided(_) => 32,
         }
     }
 }

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::grid::{Grid, one_to_one};
-use super::settings::{Settings, Weights};
+use super::settings::{PREPARED_BYTES, Settings, Weights};
 use super::{Mode, shaders};
 use crate::error::{Error, Result};
 use crate::gpu::vulkan::{
@@ -198,13 +198,13 @@ impl Tables {
         let same = (self.width, self.height, self.k) == (width, height, k);
         (self.width, self.height, self.k, self.count) = (width, height, k, samples.len());
         self.positions = upload(context, &mut self.commands, samples)?;
-        if self.prepared.size() < samples.len() * settings.prepared_bytes() {
-            self.prepared = device(context, samples.len() * settings.prepared_bytes())?;
+        if self.prepared.size() < samples.len() * PREPARED_BYTES {
+            self.prepared = device(context, samples.len() * PREPARED_BYTES)?;
         }
         if let Some(map) = map {
             self.nearest = None;
             self.neighbours = 1;
-            self.bands = self.own_samples(context, settings, &map)?;
+            self.bands = self.own_samples(context, &map)?;
         } else if let Some(grid) = grid {
             if !same {
                 self.bands = empty_bands(context, (width, height), k)?;
@@ -218,14 +218,14 @@ impl Tables {
     }
 
     /// Tables that give each pixel its own sample.
-    fn own_samples(&mut self, context: &Context, settings: &Settings, map: &[u32]) -> Result<Vec<Band>> {
+    fn own_samples(&mut self, context: &Context, map: &[u32]) -> Result<Vec<Band>> {
         let mut bands = Vec::new();
         for (first_row, rows) in band_rows(context, (self.width, self.height), 1) {
             let row = self.width as usize;
             let part = &map[first_row as usize * row..(first_row + rows) as usize * row];
             let low = part.iter().min().copied().unwrap_or(0) / 64 * 64;
             let samples = (part.iter().max().copied().unwrap_or(0) - low) as usize + 1;
-            if (samples * settings.prepared_bytes()) as u64 > context.storage_range() {
+            if (samples * PREPARED_BYTES) as u64 > context.storage_range() {
                 let problem = "samples of a full pattern must be ordered from top to bottom at this size";
                 return Err(Error::setting("pattern", problem));
             }

@@ -5,7 +5,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 21] = [
+const FILES: [&str; 22] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -14,6 +14,7 @@ const FILES: [&str; 21] = [
     include_str!("../../kernels/shared/traverse.h"),
     include_str!("../../kernels/shared/compact.h"),
     include_str!("../../kernels/shared/surface.h"),
+    include_str!("../../kernels/shared/eight.h"),
     include_str!("../../kernels/shared/bsdf.h"),
     include_str!("../../kernels/shared/environment.h"),
     include_str!("../../kernels/shared/light.h"),

@@ -12,9 +12,10 @@ use crate::scene::{Environment, Features, Scene};
 use super::source;
 use super::{SceneBuffers, SceneData, Walk, Walks};
 
-/// Work-items of `trace_pixels`, `light_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
+/// Work-items of `trace_pixels`, `light_pixels`, `describe_pixels` and `share_edges` for a tile:
+/// `BLOCKS_PER_TILE` of tiles.h.
 pub(super) const BLOCKS_PER_TILE: usize = 4;
-/// Work-items of `describe_pixels` and `pack_visibility` for a tile: its rows.
+/// Work-items of `pack_visibility` for a tile: its rows.
 const ROWS_PER_TILE: usize = TILE as usize;
 
 /// How samples are traced.
@@ -408,7 +409,7 @@ impl Tracer {
             events.push(kernel.launch(&args, blocks, group)?);
         }
         // Only where the sun shines are the normals of maps wanted.
-        events.push(self.describe_pixels.launch(&args, count as usize * ROWS_PER_TILE, group)?);
+        events.push(self.describe_pixels.launch(&args, blocks, group)?);
         Ok(events)
     }
 
