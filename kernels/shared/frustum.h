@@ -56,13 +56,6 @@ static float8 along(const Plane *plane, const float8 planes[6])
                fma((float8)plane->normal.y, planes[plane->inmost[1]], plane->normal.z * planes[plane->inmost[2]]));
 }
 
-static void set_block_ray(Block *b, uint i, float3 d)
-{
-    ((float *)b->dx)[i] = d.x;
-    ((float *)b->dy)[i] = d.y;
-    ((float *)b->dz)[i] = d.z;
-}
-
 static float3 block_ray(const Block *b, uint i)
 {
     return (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
@@ -249,7 +242,7 @@ static void meet_leaf_with_block(const Scene *scene, Leaf *leaf, uint first, uin
 // Finds the nearest hits of a block's rays.
 static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
 {
-    for (uint i = 0; i < BLOCK * BLOCK; ++i) {
+    for (uint i = 0; i < 16u * b->pairs; ++i) {
         float3 d = (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
         trace_ray(scene, origin, low, d, (float *)b->t_max + i, (uint *)b->triangle + i, CLOSEST_FRONT, seed);
     }

@@ -399,9 +399,7 @@ fn draw(
             padding: [0; 2],
         };
         let first_sample = band.first_sample as usize;
-        let prepared = tables
-            .prepared()
-            .part(first_sample * PREPARED_BYTES, band.samples * PREPARED_BYTES);
+        let prepared = tables.prepared().part(first_sample * PREPARED_BYTES, band.samples * PREPARED_BYTES);
         let positions = tables.positions().part(first_sample * 4, band.samples * 4);
         let visibility = visible_rows(frame, settings, tables, band)?;
         let buffers = [
