@@ -17,7 +17,7 @@ mod window;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use monado::Monado;
 use serde_json::Value;
@@ -77,8 +77,9 @@ fn run(flags: &[(&str, String)]) -> String {
     let (mut first, mut last) = (None, None);
     while child.try_wait().expect("the program's state").is_none() {
         let shown = monado.calls("compositor_layer_sync");
-        let seen = (shown, threads(child.id()), Instant::now());
-        if shown >= FIRST && !seen.1.is_empty() {
+        let seen = (shown, threads(child.id()));
+        // At the end threads go, and what they took goes with them.
+        if shown >= FIRST && seen.1.contains_key(WAITING) {
             last = Some(seen.clone());
             first = first.or(Some(seen));
         }
@@ -109,13 +110,15 @@ fn run(flags: &[(&str, String)]) -> String {
         pair("frame_ms"),
         pair("pose_ms"),
         spent(LOOP),
-        spent("xr-wait"),
+        spent(WAITING),
         spent(""),
     )
 }
 
 /// The name under which the program's first thread, the loop, is counted.
 const LOOP: &str = "loop";
+/// That of the one that waits for the runtime's frames.
+const WAITING: &str = "xr-wait";
 
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or(f64::NAN)
