@@ -128,7 +128,7 @@ tests() {
 
 rates() {
   local name=$1 scene=$2
-  if ! attempt 120 ./foveate bench "$scene" --cold --repetitions 5; then not_run "$name"; return; fi
+  if ! attempt 120 ./foveate bench "$scene" --cold "${asked[@]}"; then not_run "$name"; return; fi
   sed -n 1,2p "$work/out" | while read -r line; do echo "$line"; done >"$work/head"
   row "$name" "$(head -1 "$work/head" | sed 's/^[^:]*: //')"
   while IFS= read -r line; do row "$name" "$(echo "$line" | tr -s ' ' | sed 's/^ //')"; done < <(sed -n '3,$p' "$work/out")
@@ -161,10 +161,11 @@ passes=20 triangles=6700000
 paper=(--width 1280 --height 800 --samples 55000)
 # The same fraction of the pixels: 2064 * 2208 * 55000 / 1024000 in each eye's view.
 modern=(--stereo per-eye --width 4128 --height 2208 --samples 244771)
-rays=()
+rays=() asked=(--repetitions 5)
 if [[ $small == yes ]]; then
   passes=2 triangles=300000
   modern=(--stereo per-eye --width 1032 --height 552 --samples 15298)
+  asked=(--width 640 --height 400 --samples 14000 --repetitions 3)
   rays=(--width 320 --height 200 --samples 4000 --repetitions 3)
 fi
 
