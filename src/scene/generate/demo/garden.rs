@@ -101,7 +101,7 @@ fn ripples(shape: &mut Shape, radius: f32, level: f32) {
     shape.surface([72, 24], Vec2::splat(radius), |u, v| {
         let (sin, cos) = (TAU * u).sin_cos();
         let wave = (v * 40.0).sin() * 0.5 + (v * 23.0 + 5.0 * TAU * u).sin() * 0.5;
-        Vec3::new(cos * v * radius, level + 0.006 * wave * (1.0 - v), -sin * v * radius)
+        Vec3::new(cos * v * radius, level + 0.006 * wave * (1.0 - v), sin * v * radius)
     });
 }
 
