@@ -27,7 +27,7 @@ test: ## Install what the tests need and run all of them; ARGS="--test foveation
 	scripts/install-packages.sh test
 	scripts/run-tests.sh $(ARGS)
 
-test-long: ## Run the checks that take too long for make test: 10^8 rays that must hit or miss
+test-long: ## Run the checks that take too long for make test: 10^8 rays that must hit or miss, kernels for every combination of features
 	@$(need_cargo)
 	scripts/install-packages.sh test
 	scripts/run-long-tests.sh $(ARGS)

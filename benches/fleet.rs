@@ -21,6 +21,7 @@ use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::measure::stats::{median, percentile};
 use foveate::scene::{default_viewpoint, generate};
+use foveate::speed::cpu_time;
 use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData, Walk};
 use glam::DVec2;
 
@@ -119,35 +120,43 @@ fn sharing(frames: usize, factor: u32) {
         ("two halves, one of them slowed", renderer(vec![opener(0, 1), opener(1, factor)])),
     ];
     let mut reports: [Vec<FrameReport>; 3] = Default::default();
+    let mut spent: [Vec<f64>; 3] = Default::default();
     for frame in 0..WARM + frames {
-        for ((_, renderer), reports) in fleets.iter_mut().zip(&mut reports) {
+        for (((_, renderer), reports), spent) in fleets.iter_mut().zip(&mut reports).zip(&mut spent) {
+            let before = cpu_time::of_all_threads();
             let report = renderer.frame(&plan, &[], frame as u32).expect("a frame");
+            let after = cpu_time::of_all_threads();
             if frame >= WARM {
                 reports.push(report);
+                spent.push(after.zip(before).map_or(f64::NAN, |(after, before)| (after - before) as f64));
             }
         }
     }
     println!("\n{}: 2 of {half} units; the slowed one does its work {factor} times\n", info.name);
-    println!("| devices | slowest device, ms | speed-up | all devices' time over one's | spread | shares |");
-    println!("| --- | --- | --- | --- | --- | --- |");
+    println!(
+        "| devices | slowest device, ms | speed-up | all devices' time over one's | spread | shares | processor time |"
+    );
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
     let of = |reports: &[FrameReport], value: &dyn Fn(&FrameReport) -> f64| {
         median(&reports.iter().map(value).collect::<Vec<_>>()).unwrap_or(0.0)
     };
     let busy = |f: &FrameReport| f.devices.iter().map(|d| d.busy_ms()).collect::<Vec<_>>();
     let most = |f: &FrameReport| busy(f).into_iter().fold(0.0, f64::max);
     let one = of(&reports[0], &most);
-    for ((name, _), reports) in fleets.iter().zip(&reports) {
+    let one_spent = median(&spent[0]).unwrap_or(0.0);
+    for (((name, _), reports), spent) in fleets.iter().zip(&reports).zip(&spent) {
         let least = |f: &FrameReport| busy(f).into_iter().fold(f64::INFINITY, f64::min);
         let share = |device: usize| of(reports, &|f| f.devices[device].samples as f64 / f.samples as f64);
         let shares: Vec<String> =
             (0..reports[0].devices.len()).map(|d| format!("{:.0} %", 100.0 * share(d))).collect();
         println!(
-            "| {name} | {:.0} | {:.2} | {:.2} | {:.1} % | {} |",
+            "| {name} | {:.0} | {:.2} | {:.2} | {:.1} % | {} | {:.3} |",
             of(reports, &most),
             one / of(reports, &most),
             of(reports, &|f| busy(f).iter().sum::<f64>()) / one,
             100.0 * of(reports, &|f| (most(f) - least(f)) / most(f)),
-            shares.join(", ")
+            shares.join(", "),
+            median(spent).unwrap_or(f64::NAN) / one_spent
         );
     }
 }

@@ -1,8 +1,9 @@
 // A part of a view is a run of tiles along the pattern's order. Blocks of a tile are work-items, and so
-// are its rows.
+// are its rows. The four highest bits of a tile's number say which of its blocks are left out.
 
 #define TILE 16u
 #define BLOCKS_PER_TILE 4u
+#define LEFT_OUT_SHIFT 28
 
 // The upper left pixel of block `item` of the tiles first .. first + count; false where there is none.
 static bool block_corner(const Camera *camera, __global const uint *tiles, uint first, uint count, uint item,
@@ -10,10 +11,11 @@ static bool block_corner(const Camera *camera, __global const uint *tiles, uint 
 {
     if (item >= count * BLOCKS_PER_TILE)
         return false;
-    uint across = (camera->width + TILE - 1u) / TILE, tile = tiles[first + item / BLOCKS_PER_TILE];
-    *left = tile % across * TILE + (item & 1u) * BLOCK;
-    *top = tile / across * TILE + (item >> 1 & 1u) * BLOCK;
-    return *left < camera->width && *top < camera->height;
+    uint across = (camera->width + TILE - 1u) / TILE, block = item % BLOCKS_PER_TILE;
+    uint entry = tiles[first + item / BLOCKS_PER_TILE], tile = entry & ((1u << LEFT_OUT_SHIFT) - 1u);
+    *left = tile % across * TILE + (block & 1u) * BLOCK;
+    *top = tile / across * TILE + (block >> 1) * BLOCK;
+    return !(entry >> LEFT_OUT_SHIFT >> block & 1u) && *left < camera->width && *top < camera->height;
 }
 
 // The first pixel of row `item` of those tiles; false where there is none.

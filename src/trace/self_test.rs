@@ -114,3 +114,40 @@ fn expected(view: &View, at: u32) -> (f64, bool) {
     let on_floor = t > 0.0 && hit.x.abs() < 10.0 && hit.z.abs() < 10.0;
     (if on_floor { -in_eye.z * t } else { 0.0 }, on_floor)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::opencl::device;
+    use crate::trace::source;
+
+    /// The test's verdict on kernels of which a piece is replaced.
+    fn verdict(device: &Device, piece: &str, wrong: &str) -> Result<()> {
+        let text = source::text();
+        assert!(text.contains(piece), "the kernels have no {piece:?}");
+        let (features, walk) = (Features::default(), Walk::for_device(device));
+        let options = source::options(&features, 12, walk);
+        let program = Program::build(device, "foveate", &text.replace(piece, wrong), &options)?;
+        run(device, &program, &features, walk)
+    }
+
+    #[test]
+    fn devices_that_compute_wrongly_are_refused() {
+        let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else {
+            assert!(std::env::var("CI").as_deref() != Ok("true"), "no OpenCL device");
+            println!("not run: no OpenCL device");
+            return;
+        };
+        let device = Device::open(&info).unwrap();
+        let depth = "record.depth = view_depth(&camera, d, hit.t);";
+        assert_eq!(verdict(&device, depth, depth).map_err(|e| e.to_string()), Ok(()));
+        let light = "sum->diffuse += weights[i].diffuse * light;";
+        for (piece, wrong, told) in [
+            (depth, "record.depth = 1.01f * view_depth(&camera, d, hit.t);", "sees a floor"),
+            (light, "sum->diffuse += 0.8f * weights[i].diffuse * light;", "times the light"),
+        ] {
+            let problem = verdict(&device, piece, wrong).unwrap_err().to_string();
+            assert!(problem.contains("fails its self-test") && problem.contains(told), "{problem}");
+        }
+    }
+}

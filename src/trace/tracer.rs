@@ -15,6 +15,14 @@ use super::{SceneBuffers, SceneData, Walk, Walks};
 /// Work-items of `trace_pixels`, `light_pixels`, `describe_pixels` and `share_edges` for a tile:
 /// `BLOCKS_PER_TILE` of tiles.h.
 pub(super) const BLOCKS_PER_TILE: usize = 4;
+/// Where a tile's number says which of its blocks are left out: `LEFT_OUT_SHIFT` of tiles.h.
+const LEFT_OUT_SHIFT: u32 = 28;
+/// A tile's blocks, one bit each, row by row.
+const ALL_BLOCKS: u32 = 0b1111;
+/// Which blocks of a tile's neighbours touch it: of those to its left, in its column, to its right; of those above
+/// it, in its row, below.
+const LEFT_RIGHT: [u32; 3] = [0b1010, ALL_BLOCKS, 0b0101];
+const UPPER_LOWER: [u32; 3] = [0b1100, ALL_BLOCKS, 0b0011];
 /// Work-items of `pack_visibility` for a tile: its rows.
 const ROWS_PER_TILE: usize = TILE as usize;
 
@@ -81,26 +89,35 @@ pub struct TracePattern {
 }
 
 impl TracePattern {
-    /// The tiles that touch those of parts which follow each other, and are none of them.
-    fn ring(&self, parts: &[Part]) -> Vec<u32> {
-        let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Vec::new() };
-        let inside = &self.order[first.first_traced as usize..last.tiles.end as usize];
+    /// The blocks that touch tiles which parts that follow each other deliver, and that none of them traces: the
+    /// blocks' tiles, each with those of its blocks left out that touch none, and how many blocks there are.
+    fn ring(&self, parts: &[Part]) -> (Vec<u32>, u32) {
+        let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return (Vec::new(), 0) };
         let (across, down) = (self.tiles_x, self.order.len() as u32 / self.tiles_x.max(1));
-        let mut known = vec![false; self.order.len()];
-        inside.iter().for_each(|&tile| known[tile as usize] = true);
+        let mut traced = vec![false; self.order.len()];
+        let order = |from: u32| &self.order[from as usize..last.tiles.end as usize];
+        order(first.first_traced).iter().for_each(|&tile| traced[tile as usize] = true);
+        let mut wanted: Vec<u32> = vec![0; self.order.len()];
         let mut ring = Vec::new();
-        for &tile in inside {
-            let (x, y) = (tile % across, tile / across);
-            for y in y.saturating_sub(1)..(y + 2).min(down) {
-                for x in x.saturating_sub(1)..(x + 2).min(across) {
+        for &tile in order(first.tiles.start) {
+            let (tile_x, tile_y) = (tile % across, tile / across);
+            for y in tile_y.saturating_sub(1)..(tile_y + 2).min(down) {
+                for x in tile_x.saturating_sub(1)..(tile_x + 2).min(across) {
                     let next = y * across + x;
-                    if !std::mem::replace(&mut known[next as usize], true) {
+                    if traced[next as usize] {
+                        continue;
+                    }
+                    let blocks = &mut wanted[next as usize];
+                    if *blocks == 0 {
                         ring.push(next);
                     }
+                    *blocks |= LEFT_RIGHT[(x + 1 - tile_x) as usize] & UPPER_LOWER[(y + 1 - tile_y) as usize];
                 }
             }
         }
-        ring
+        let count = ring.iter().map(|&tile| wanted[tile as usize].count_ones()).sum();
+        ring.iter_mut().for_each(|tile| *tile |= (!wanted[*tile as usize] & ALL_BLOCKS) << LEFT_OUT_SHIFT);
+        (ring, count)
     }
 }
 
@@ -343,7 +360,7 @@ impl Tracer {
         Ok(hits)
     }
 
-    /// Traces and describes the pixels of all parts, and of the ring of tiles around them where edges want to
+    /// Traces and describes the pixels of all parts, and of the ring of blocks around them where edges want to
     /// know their neighbours. The events of each part, and how many camera rays there were.
     fn trace_tiles(
         &self,
@@ -358,16 +375,16 @@ impl Tracer {
             0 => part.first_traced,
             _ => part.tiles.start,
         });
-        let (mut events, mut tiles) = (Vec::with_capacity(parts.len()), 0);
+        let (mut events, mut traced) = (Vec::with_capacity(parts.len()), 0);
         for (part, first) in parts.iter().zip(starts) {
             let count = part.tiles.end - first;
-            tiles += count;
+            traced += count * TILE_PIXELS;
             events.push(self.describe(camera, shading, &pattern.tiles, first, count, records)?);
         }
         if edge_rays > 0 {
-            let ring = pattern.ring(parts);
+            let (ring, blocks) = pattern.ring(parts);
             if !ring.is_empty() {
-                tiles += ring.len() as u32;
+                traced += blocks * TILE_PIXELS / BLOCKS_PER_TILE as u32;
                 let list = Buffer::from_slice(&self.device, &ring)?;
                 let around = self.describe(camera, shading, &list, 0, ring.len() as u32, records)?;
                 events[0].extend(around);
@@ -377,7 +394,7 @@ impl Tracer {
             }
         }
         let pixels = u64::from(camera.width) * u64::from(camera.height);
-        Ok((events, u64::from(tiles * TILE_PIXELS).min(pixels)))
+        Ok((events, u64::from(traced).min(pixels)))
     }
 
     /// Finds the hits of the pixels of tiles `first..first + count` of a list, and describes them.

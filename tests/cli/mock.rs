@@ -12,6 +12,41 @@ fn frames(folder: &Path) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
+/// Two entries of one driver, and parts of unequal size, which PoCL makes of a processor of any size.
+#[test]
+fn pictures_do_not_depend_on_how_a_processor_is_offered() {
+    let folder = folder();
+    let list = foveate(folder.path(), "devices --json").succeeds().json();
+    let pocl = |d: &Value| d["platform"] == "Portable Computing Language" && d["kind"] == "cpu";
+    if !list["opencl"].as_array().is_some_and(|all| all.len() == 1 && pocl(&all[0])) {
+        println!("not run: PoCL is not the only OpenCL driver here");
+        return;
+    }
+    let shared = |out: &str, name: &str, value: &str, options: &str| {
+        let mut offered = command(folder.path(), &format!("{MOCK} --frames 3 --out {out} {options}"));
+        offered.env(name, value);
+        run(offered).succeeds();
+        frames(&folder.path().join(out))
+    };
+    shared("alone", "POCL_DEVICES", "cpu", "--devices 0");
+    for (name, value, options) in [
+        ("POCL_DEVICES", "cpu cpu", "--devices 0,1"),
+        ("POCL_CPU_MAX_CU_COUNT", "4", "--set devices.subdivide=[1,3]"),
+    ] {
+        let lines = shared("shared", name, value, options);
+        assert_eq!(lines.len(), 3);
+        for line in &lines {
+            let devices = line["devices"].as_array().unwrap();
+            assert!(devices.len() == 2 && devices.iter().all(|d| d["samples"].as_u64() > Some(0)), "{line}");
+        }
+        for index in 0..3 {
+            let picture = format!("frame_{index:04}.png");
+            let read = |out: &str| std::fs::read(folder.path().join(out).join(&picture)).unwrap();
+            assert!(read("alone") == read("shared"), "{picture} with {name}={value}");
+        }
+    }
+}
+
 #[test]
 fn a_run_writes_pictures_sheet_preview_and_a_line_for_each_frame() {
     let folder = folder();

@@ -5,7 +5,7 @@ use foveate::layout::{MAPPED_NORMAL, SUN_VISIBLE, SampleRecord, unpack_emission,
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};
-use foveate::trace::Settings;
+use foveate::trace::{Settings, Walk};
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device, view};
@@ -307,6 +307,44 @@ fn specialised_kernels_are_the_general_ones() {
             }
         }
     });
+}
+
+/// The flags by their bits: textures, normal maps, alpha, emission, vertex colours, lights, sun.
+fn combination(bits: u32) -> Features {
+    let on = |bit: u32| bits >> bit & 1 != 0;
+    Features {
+        textures: on(0),
+        normal_maps: on(1),
+        alpha: on(2),
+        emission: on(3),
+        vertex_colors: on(4),
+        lights: on(5),
+        sun: on(6),
+    }
+}
+
+/// Builds kernels for combinations of features, in both variants, and makes all kernels of a frame from them.
+fn build(device: &Device, combinations: impl Iterator<Item = u32>) {
+    let (scene, light) = (still_life(), colourful());
+    let mut seen = std::collections::HashSet::new();
+    for features in combinations.map(combination) {
+        assert!(seen.insert(features), "{features:?} comes twice");
+        for walk in Walk::ALL {
+            Bench::walking(device, &scene, &light, &features, walk);
+        }
+    }
+    println!("{} combinations in {} variants", seen.len(), Walk::ALL.len());
+}
+
+#[test]
+fn each_feature_builds_alone_and_beside_all_others() {
+    on_every_device(|device| build(device, (0..7).map(|bit| 1 << bit).chain([0, 0b111_1111])));
+}
+
+#[test]
+#[ignore = "256 builds: make test-long"]
+fn long_every_combination_of_features_builds() {
+    on_every_device(|device| build(device, 0..128));
 }
 
 fn trace_with(
