@@ -213,7 +213,7 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
     }
     let bytes = |scene: &Scene| -> f64 {
         let data = SceneData::pack(scene, &bvh, &light).expect("a scene that can be packed");
-        data.bytes(walk).iter().map(|b| b.bytes as f64).sum()
+        data.bytes(walk.into()).iter().map(|b| b.bytes as f64).sum()
     };
     let least = bytes(scene);
     let memory = variants().iter().map(|(_, f)| bytes(&pretend(scene.clone(), f)) / least).collect();

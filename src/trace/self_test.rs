@@ -119,16 +119,15 @@ fn expected(view: &View, at: u32) -> (f64, bool) {
 mod tests {
     use super::*;
     use crate::gpu::opencl::device;
-    use crate::trace::source;
+    use crate::trace::{Walk, source};
 
     /// The test's verdict on kernels of which a piece is replaced.
     fn verdict(device: &Device, piece: &str, wrong: &str) -> Result<()> {
         let text = source::text();
         assert!(text.contains(piece), "the kernels have no {piece:?}");
-        let (features, walk) = (Features::default(), Walk::for_device(device));
-        let options = source::options(&features, 12, walk);
-        let program = Program::build(device, "foveate", &text.replace(piece, wrong), &options)?;
-        run(device, &program, &features, walk)
+        let (features, walks) = (Features::default(), Walk::for_device(device).into());
+        let programs = Programs::build_text(device, &text.replace(piece, wrong), &features, 12, walks)?;
+        run(device, &programs, &features)
     }
 
     #[test]

@@ -139,9 +139,18 @@ pub(super) struct Programs {
 
 impl Programs {
     fn build(device: &Device, features: &Features, depth: u32, walks: Walks) -> Result<Programs> {
-        let build = |walk| {
-            Program::build(device, "foveate", &source::text(), &source::options(features, depth, walk))
-        };
+        Self::build_text(device, &source::text(), features, depth, walks)
+    }
+
+    /// Builds kernels from a text that may be another one than [`source::text`].
+    pub(super) fn build_text(
+        device: &Device,
+        text: &str,
+        features: &Features,
+        depth: u32,
+        walks: Walks,
+    ) -> Result<Programs> {
+        let build = |walk| Program::build(device, "foveate", text, &source::options(features, depth, walk));
         let bundles = (walks.bundles != walks.pixels).then(|| build(walks.bundles)).transpose()?;
         Ok(Programs { walks, pixels: build(walks.pixels)?, bundles })
     }
