@@ -47,7 +47,7 @@ impl Effort {
     /// Shares of the pixels that are sampled.
     pub fn samples(self) -> &'static [f64] {
         match self {
-            Effort::Quick => &[0.02, 0.15],
+            Effort::Quick => &[0.01, 0.02, 0.15],
             Effort::Usual => &[0.01, 0.02, 0.037, 0.08, 0.15, 0.3],
             Effort::Thorough => &[0.005, 0.01, 0.02, 0.037, 0.08, 0.11, 0.15, 0.22, 0.3, 0.5],
         }
@@ -56,7 +56,7 @@ impl Effort {
     /// Light rays per sample.
     pub fn rays(self) -> &'static [u32] {
         match self {
-            Effort::Quick => &[8, 96],
+            Effort::Quick => &[8, 16, 96],
             Effort::Usual => &[4, 8, 16, 64, 128],
             Effort::Thorough => &[1, 2, 4, 8, 16, 48, 64, 128, 256],
         }
