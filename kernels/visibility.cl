@@ -88,7 +88,7 @@ static Vectors bases_of(const Scene *scene, const Facet *f, const Group *g)
     return (Vectors){max(base.x, 0.0f), max(base.y, 0.0f), max(base.z, 0.0f)};
 }
 
-#if HAS_NORMAL_MAPS
+#if HAS_NORMAL_MAPS && HAS_TEXTURES
 // As `mapped_normal`.
 static Vectors mapped_normals(const Scene *scene, const Facet *f, const Group *g, Vectors n)
 {
@@ -146,7 +146,7 @@ static void describe_group(const Scene *scene, const Camera *camera, const Facet
     normal.vector = pack_normals24(face_viewers(smooth, g->d, f->geometric));
     bool mapped = false;
     Words map;
-#if HAS_NORMAL_MAPS
+#if HAS_NORMAL_MAPS && HAS_TEXTURES
     ulong here = 0ul;
     for (uint i = 0; i < g->count; ++i)
         here |= 1ul << g->places[i];

@@ -218,7 +218,7 @@ static float3 emission_at(const Scene *scene, const Spot *spot)
     return emission;
 }
 
-#if HAS_NORMAL_MAPS
+#if HAS_NORMAL_MAPS && HAS_TEXTURES
 static float3 mapped_normal(const Scene *scene, const Spot *spot, float3 n)
 {
     __global const Material *material = spot->facet->material;
@@ -258,7 +258,7 @@ __attribute__((noinline)) static Surface surface_at(const Scene *scene, uint pla
     }
     if (material->textures[3].texture != NONE)
         s.occlusion = mix(1.0f, lookup(scene, &material->textures[3], &spot.at).x, material->occlusion_strength);
-#if HAS_NORMAL_MAPS
+#if HAS_NORMAL_MAPS && HAS_TEXTURES
     if (material->textures[2].texture != NONE)
         n = mapped_normal(scene, &spot, n);
 #endif

@@ -193,9 +193,15 @@ fn measure(device: &Device) -> Result<Vec<Times>> {
     probes[1..].iter_mut().try_for_each(|probe| work.load(probe))?;
     let pixels = in_turns(&probes, RayKind::Pixels)?;
     let bundles = in_turns(&probes, RayKind::Occlusion)?;
+    // Whole microseconds are read back as they were written.
+    let whole = |ms: f64| (ms * 1e3).round().max(1.0) / 1e3;
     let times = probes.iter().zip(pixels.into_iter().zip(bundles));
     Ok(times
-        .map(|(probe, (pixels_ms, bundles_ms))| Times { walk: probe.walk(), pixels_ms, bundles_ms })
+        .map(|(probe, (pixels, bundles))| Times {
+            walk: probe.walk(),
+            pixels_ms: whole(pixels),
+            bundles_ms: whole(bundles),
+        })
         .collect())
 }
 
