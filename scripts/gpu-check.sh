@@ -143,7 +143,7 @@ peer() {
 
 memory() {
   if ! attempt 60 ./foveate scene info "$2" --json; then not_run "$1, memory"; return; fi
-  row "$1, memory" "$(($(number device_bytes) / 1048576)) MiB on the device, $(number bytes_per_triangle) bytes a triangle for nodes, vertices and indices"
+  row "$1, memory" "$(($(number device_bytes) / 1048576)) MiB on the device, $(printf %.1f "$(number bytes_per_triangle)") bytes a triangle for nodes, vertices and indices"
 }
 
 point() {
