@@ -134,9 +134,9 @@ rates() {
   while IFS= read -r line; do row "$name" "$(echo "$line" | tr -s ' ' | sed 's/^ //')"; done < <(sed -n '3,$p' "$work/out")
 }
 
-# The same rays by Vulkan's ray queries, in turns with ours.
+# The same rays by Vulkan's ray queries and by its ray-tracing pipeline, in turns with ours.
 peer() {
-  local name="$1, beside Vulkan's ray queries"
+  local name="$1, beside Vulkan's own rays"
   if ! attempt 120 ./vulkan-rays --scene "$2" "${rays[@]}"; then not_run "$name"; return; fi
   while IFS= read -r line; do row "$name" "$line"; done <"$work/out"
 }
@@ -201,4 +201,5 @@ echo "| what | result |"
 echo "| --- | --- |"
 printf '%s\n' "${rows[@]}"
 echo
-echo "gpu-check: took $SECONDS s on $(uname -sr), glibc $(getconf GNU_LIBC_VERSION 2>/dev/null | cut -d' ' -f2)"
+missing=$(printf '%s\n' "${rows[@]}" | grep -c 'not run:' || true)
+echo "gpu-check: ${#rows[@]} rows, $missing of them not run; took $SECONDS s on $(uname -sr), glibc $(getconf GNU_LIBC_VERSION 2>/dev/null | cut -d' ' -f2)"
