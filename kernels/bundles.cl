@@ -1,6 +1,7 @@
 // Rays of a given list, in bundles of 32 that leave one point, as the light rays of a sample do: what
 // measurements trace.
 
+// Bit k of hidden[i]: ray k of bundle i hits something. Rays of one work-item each, or streams in turns.
 #if SINGLE_RAYS
 // Ray k of bundle i is item 32 i + k; bit k of hidden[i] says whether it hits something.
 __kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
@@ -32,18 +33,23 @@ __kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __gl
     hits[i] = hit;
 }
 #else
-// Bit k of hidden[i]: ray k of bundle i hits something.
 __kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global uint *hidden)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint i = (uint)get_global_id(0);
-    if (i >= count)
-        return;
-    Stream s;
-    for (uint k = 0; k < 32u; ++k)
-        set_ray(&s, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
-    hidden[i] = trace_stream(&scene, gload3(origins + 3u * i), 0.0f, &s, 0xffffffffu, ANY, 0u);
+    uint2 range = share_of_item(count);
+    Walker walkers[STREAMS];
+    for (uint i = range.x; i < range.y; ++i) {
+        Walker *w = &walkers[i - range.x];
+        for (uint k = 0; k < 32u; ++k)
+            set_ray(&w->rays, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
+        w->origin = gload3(origins + 3u * i);
+        w->mask = 0xffffffffu;
+        w->seed = 0;
+    }
+    hide_streams(&scene, walkers, range.y - range.x);
+    for (uint i = range.x; i < range.y; ++i)
+        hidden[i] = walkers[i - range.x].hits;
 }
 
 // hits[32 * i + k]: the nearest hit of ray k of bundle i.

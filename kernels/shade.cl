@@ -1,91 +1,165 @@
-// Shading of samples: 32 and more light rays each. One work-item shades one sample; its light rays
-// leave one point, so they travel as streams of 32.
+// Shading of samples: 32 and more light rays each. Those of one sample leave one point, so they travel as streams of
+// 32; a work-item shades several samples, whose streams take turns.
+
+// A sample that is being shaded.
+typedef struct {
+    Surface surface;
+    float3 f0, view;
+    Mixture mixture;
+    // Its place in the list.
+    uint index;
+    // Whether it sees a surface that light makes brighter.
+    bool lit;
+    // What needs no light rays: the background's or the surface's own.
+    float3 radiance;
+    float depth;
+    uint normal;
+    Reflection sum;
+    // Of the light rays under way: what their light counts, and for those that look for a surface by how much more.
+    Reflection weights[32];
+    float indirect[32];
+    uint straight, bounced;
+} Sample;
 
 // Seed of what is left to chance on a sample's rays: two samples may send rays in one direction.
 static uint chance_of(uint sample, uint seed) { return hash(sample ^ hash(seed + 11u)); }
 
-// Traces the light rays of one stream and adds their light. With bounces, reflected rays look for the
-// nearest surface instead of any, and go on from there. What surfaces send is found by these alone, so
-// it counts by their density, and distant light by that of all rays.
-static uint add_stream(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, const Mixture *m,
-                       uint sample, uint first_ray, uint seed, Reflection *sum)
+// Aims a stream of light rays: those from `first_ray` on.
+static void aim_stream(const Scene *scene, const Shading *shading, Sample *sample, uint first_ray, uint seed, Walker *w)
 {
-    uint n = min(shading->rays - first_ray, 32u);
-    float rotation = fraction(hash(sample ^ hash(seed + 7u)));
-    Stream stream;
-    Reflection weights[32];
-    float indirect[32];
-    uint straight = 0, bounced = 0, rays = 0;
+    const Surface *s = &sample->surface;
+    uint n = min(shading->rays - first_ray, 32u), index = sample->index;
+    float rotation = fraction(hash(index ^ hash(seed + 7u)));
+    sample->straight = 0;
+    sample->bounced = 0;
     for (uint i = 0; i < n; ++i) {
         uint ray = first_ray + i;
         float select = ((float)ray + rotation) / (float)shading->rays;
         bool reflected;
-        float3 light = sample_mixture(scene, shading, s, m, view, min(select, 0.9999999f),
-                                      sobol(sample * shading->rays + ray, seed), &reflected);
+        float3 light = sample_mixture(scene, shading, s, &sample->mixture, sample->view, min(select, 0.9999999f),
+                                      sobol(index * shading->rays + ray, seed), &reflected);
         float cosine = dot3(s->normal, light);
         if (!(cosine > 0.0f) || !(dot3(s->geometric, light) > 0.0f))
             continue;
-        float by_reflection = reflected_density(s, m, view, light);
-        float density = mixture_density(scene, shading, m, by_reflection, light);
+        float by_reflection = reflected_density(s, &sample->mixture, sample->view, light);
+        float density = mixture_density(scene, shading, &sample->mixture, by_reflection, light);
         if (!(density > 0.0f))
             continue;
-        Reflection r = reflection(s, f0, view, light);
+        Reflection r = reflection(s, sample->f0, sample->view, light);
         float scale = 1.0f / (density * (float)shading->rays);
-        weights[i].diffuse = r.diffuse * scale;
-        weights[i].specular = r.specular * scale;
-        indirect[i] = density / by_reflection;
-        set_ray(&stream, i, light, INFINITY);
+        sample->weights[i].diffuse = r.diffuse * scale;
+        sample->weights[i].specular = r.specular * scale;
+        sample->indirect[i] = density / by_reflection;
+        set_ray(&w->rays, i, light, INFINITY);
         if (shading->bounces > 0u && reflected)
-            bounced |= 1u << i;
+            sample->bounced |= 1u << i;
         else
-            straight |= 1u << i;
+            sample->straight |= 1u << i;
     }
-    float3 origin = leave_surface(s);
-    uint chance = chance_of(sample, seed);
-    uint lost = straight ? trace_stream(scene, origin, 0.0f, &stream, straight, ANY, chance) : 0u;
-    uint hits = bounced ? trace_stream(scene, origin, 0.0f, &stream, bounced, CLOSEST_FRONT, chance) : 0u;
-    rays = popcount(straight | bounced);
+    w->mask = sample->straight;
+}
+
+// Adds the light of a stream whose straight rays are traced. With bounces, reflected rays look for the nearest surface
+// instead of any, and go on from there. What surfaces send is found by these alone, so it counts by their density, and
+// distant light by that of all rays.
+static uint add_stream(const Scene *scene, const Shading *shading, Sample *sample, uint first_ray, uint seed, Walker *w)
+{
+    uint straight = sample->straight, bounced = sample->bounced, lost = straight & w->hits;
+    uint hits = bounced ? trace_stream(scene, w->origin, 0.0f, &w->rays, bounced, CLOSEST_FRONT, w->seed) : 0u;
+    uint rays = popcount(straight | bounced);
     // What passes behind a single-sided surface is still kept from the sky by it.
     uint escaped = bounced & ~hits;
     if (escaped)
-        lost |= trace_stream(scene, origin, 0.0f, &stream, escaped, ANY, chance);
+        lost |= trace_stream(scene, w->origin, 0.0f, &w->rays, escaped, ANY, w->seed);
     for (uint left = (straight | bounced) & ~lost; left; left &= left - 1u) {
         uint i = lowest_bit(left);
-        float3 d = (float3)(stream.dx[i], stream.dy[i], stream.dz[i]);
+        float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
         float3 light;
         if (hits >> i & 1u)
-            light = follow_path(scene, shading, origin, d, stream.triangle[i], stream.t_max[i], shading->bounces,
-                                hash(sample * 32u + i + hash(seed + first_ray)), &rays) * indirect[i];
+            light = follow_path(scene, shading, w->origin, d, w->rays.triangle[i], w->rays.t_max[i], shading->bounces,
+                                hash(sample->index * 32u + i + hash(seed + first_ray)), &rays) * sample->indirect[i];
         else
-            light = distant_light(scene, shading, d, s->occlusion, !shading->guided);
-        sum->diffuse += weights[i].diffuse * light;
-        sum->specular += weights[i].specular * light;
+            light = distant_light(scene, shading, d, sample->surface.occlusion, !shading->guided);
+        sample->sum.diffuse += sample->weights[i].diffuse * light;
+        sample->sum.specular += sample->weights[i].specular * light;
     }
     return rays;
 }
 
 #if HAS_SUN
-// Guided samples: what of the sun's disc is seen, for the half-shadows that pixels' single rays to its
-// centre do not have.
-static float sun_seen(const Scene *scene, const Shading *shading, const Surface *s, uint sample, uint n, uint seed)
+// Aims n rays at the sun's disc, for the half-shadows that pixels' single rays to its centre do not have.
+static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uint seed, Walker *w)
 {
-    Stream stream;
     uint mask = 0;
     for (uint i = 0; i < n; ++i) {
-        uint2 u = sobol(sample * n + i, seed ^ 0x51ed270bu);
+        uint2 u = sobol(sample->index * n + i, seed ^ 0x51ed270bu);
         float3 d = sample_sun(shading, (float2)(fraction(u.x), fraction(u.y)));
-        if (!(dot3(s->geometric, d) > 0.0f))
+        if (!(dot3(sample->surface.geometric, d) > 0.0f))
             continue;
-        set_ray(&stream, i, d, INFINITY);
+        set_ray(&w->rays, i, d, INFINITY);
         mask |= 1u << i;
     }
-    uint lost = mask ? trace_stream(scene, leave_surface(s), 0.0f, &stream, mask, ANY, chance_of(sample, seed)) : 0u;
-    return (float)popcount(mask & ~lost) / (float)n;
+    w->mask = mask;
 }
 #endif
 
-// Shades samples first .. first + count into records[first ..]; counters[0] sums light rays,
-// counters[1] samples whose estimate was not finite: these are marked by a depth of -1.
+// Looks at what the sample at pixel `at` sees, and prepares its walker.
+static void begin_sample(const Scene *scene, const Camera *camera, const Shading *shading, uint index, uint at, HitRecord hit,
+                         Sample *sample, Walker *w)
+{
+    float3 d = camera_ray(camera, at & 0xffffu, at >> 16);
+    sample->index = index;
+    sample->lit = false;
+    sample->radiance = 0.0f;
+    sample->sum.diffuse = 0.0f;
+    sample->sum.specular = 0.0f;
+    sample->depth = 0.0f;
+    sample->normal = 0;
+    w->mask = 0;
+    if (hit.triangle == NONE) {
+        if (!shading->guided)
+            sample->radiance = background(scene, shading, d);
+        return;
+    }
+    Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d, hit.t * camera->step[0]);
+    sample->surface = s;
+    sample->radiance = s.emission;
+    sample->depth = view_depth(camera, d, hit.t);
+    sample->normal = pack_normal24(s.smooth);
+    if (s.unlit)
+        return;
+    sample->lit = true;
+    sample->view = -d;
+    sample->f0 = specular_color(&s);
+    sample->mixture = mixture_at(&s, shading, sample->f0, -d, !shading->guided);
+    w->origin = leave_surface(&s);
+    w->seed = chance_of(index, camera->seed);
+}
+
+// What becomes of a sample; false where its estimate is not finite, which is marked by a depth of -1.
+static bool end_sample(const Shading *shading, const Sample *sample, __global SampleRecord *record)
+{
+    float3 first = sample->radiance, second = 0.0f;
+    float depth = sample->depth;
+    if (shading->guided) {
+        first = sample->sum.diffuse;
+        second = sample->sum.specular;
+    } else if (sample->lit) {
+        first += diffuse_color(&sample->surface) * sample->sum.diffuse + specular_scale(sample->f0) * sample->sum.specular;
+    }
+    bool is_finite = all_finite(first) && all_finite(second);
+    if (!is_finite) {
+        first = 0.0f;
+        second = 0.0f;
+        depth = -1.0f;
+    }
+    SampleRecord whole = {{first.x, first.y, first.z}, depth, {second.x, second.y, second.z}, sample->normal};
+    *record = whole;
+    return is_finite;
+}
+
+// Shades samples first .. first + count into records[first ..]; counters[0] sums light rays, counters[1] samples whose
+// estimate was not finite.
 __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first,
                             uint count, __global const HitRecord *hits, __global const VisibilityRecord *visibility,
                             __global SampleRecord *records, __global uint *counters)
@@ -93,61 +167,54 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     Scene scene = SCENE_ARGUMENTS;
     // A copy, since it is changed below: in PoCL, the work-items of a group share a structure that is an argument.
     Shading shading = asked;
-    uint index = (uint)get_global_id(0);
-    if (index >= count)
-        return;
-    index += first;
-    uint at = samples[index], x = at & 0xffffu, y = at >> 16;
-    HitRecord hit = hits[shading.hits_per_pixel ? y * camera.width + x : index];
-    float3 d = camera_ray(&camera, x, y);
-    SampleRecord record = {{0.0f, 0.0f, 0.0f}, 0.0f, {0.0f, 0.0f, 0.0f}, 0u};
-    Reflection sum = {0.0f, 0.0f};
-    float3 radiance = 0.0f;
-    if (hit.triangle == NONE) {
-        if (!shading.guided)
-            radiance = background(&scene, &shading, d);
-    } else {
-        Surface s = surface_at(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low), d,
-                               hit.t * camera.step[0]);
-        float3 f0 = specular_color(&s), view = -d;
-        record.depth = view_depth(&camera, d, hit.t);
-        record.normal = pack_normal24(s.smooth);
-        if (!s.unlit) {
-            Mixture m = mixture_at(&s, &shading, f0, view, !shading.guided);
-            uint rays = 0;
+    uint2 range = share_of_item(count);
+    uint n = range.y - range.x, rays = 0;
+    Walker walkers[STREAMS];
+    Sample mine[STREAMS];
+    for (uint k = 0; k < n; ++k) {
+        uint index = first + range.x + k, at = samples[index];
+        HitRecord hit = hits[shading.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : index];
+        begin_sample(&scene, &camera, &shading, index, at, hit, &mine[k], &walkers[k]);
+    }
 #if HAS_SUN
-            uint towards_sun = (uint)((float)shading.rays * shading.sun_share);
-            if (shading.guided && towards_sun > 0u) {
-                towards_sun = min(towards_sun, 32u);
-                float seen = sun_seen(&scene, &shading, &s, index, towards_sun, camera.seed);
-                uint centre = visibility[y * camera.width + x].normal >> 31;
-                record.normal |= ((uint)(seen * 127.0f + 0.5f) << 1 | centre) << 24;
-                shading.rays -= towards_sun;
-                rays += towards_sun;
-            }
-#endif
-            for (uint ray = 0; ray < shading.rays; ray += 32u)
-                rays += add_stream(&scene, &shading, &s, f0, view, &m, index, ray, camera.seed, &sum);
-#if HAS_LIGHTS
-            rays += add_punctual(&scene, &shading, &s, f0, view, chance_of(index, camera.seed), &sum);
-#endif
-            atomic_add(&counters[0], rays);
+    uint towards_sun = shading.guided ? min((uint)((float)shading.rays * shading.sun_share), 32u) : 0u;
+    if (towards_sun > 0u) {
+        for (uint k = 0; k < n; ++k)
+            if (mine[k].lit)
+                aim_at_sun(&shading, &mine[k], towards_sun, camera.seed, &walkers[k]);
+        hide_streams(&scene, walkers, n);
+        for (uint k = 0; k < n; ++k) {
+            if (!mine[k].lit)
+                continue;
+            uint at = samples[mine[k].index];
+            float seen = (float)popcount(walkers[k].mask & ~walkers[k].hits) / (float)towards_sun;
+            uint centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31;
+            mine[k].normal |= ((uint)(seen * 127.0f + 0.5f) << 1 | centre) << 24;
+            rays += towards_sun;
         }
-        radiance = diffuse_color(&s) * sum.diffuse + specular_scale(f0) * sum.specular + s.emission;
+        shading.rays -= towards_sun;
     }
-    float3 first_part = shading.guided ? sum.diffuse : radiance;
-    float3 second_part = shading.guided ? sum.specular : (float3)(0.0f);
-    if (!all_finite(first_part) || !all_finite(second_part)) {
-        atomic_inc(&counters[1]);
-        first_part = 0.0f;
-        second_part = 0.0f;
-        record.depth = -1.0f;
+#endif
+    for (uint ray = 0; ray < shading.rays; ray += 32u) {
+        for (uint k = 0; k < n; ++k)
+            if (mine[k].lit)
+                aim_stream(&scene, &shading, &mine[k], ray, camera.seed, &walkers[k]);
+        hide_streams(&scene, walkers, n);
+        for (uint k = 0; k < n; ++k)
+            if (mine[k].lit)
+                rays += add_stream(&scene, &shading, &mine[k], ray, camera.seed, &walkers[k]);
     }
-    record.first[0] = first_part.x;
-    record.first[1] = first_part.y;
-    record.first[2] = first_part.z;
-    record.second[0] = second_part.x;
-    record.second[1] = second_part.y;
-    record.second[2] = second_part.z;
-    records[index] = record;
+    uint lost = 0;
+    for (uint k = 0; k < n; ++k) {
+        Sample *sample = &mine[k];
+#if HAS_LIGHTS
+        if (sample->lit)
+            rays += add_punctual(&scene, &shading, &sample->surface, sample->f0, sample->view, walkers[k].seed, &sample->sum);
+#endif
+        lost += end_sample(&shading, sample, &records[sample->index]) ? 0u : 1u;
+    }
+    if (rays)
+        atomic_add(&counters[0], rays);
+    if (lost)
+        atomic_add(&counters[1], lost);
 }

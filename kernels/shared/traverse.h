@@ -325,15 +325,20 @@ typedef union {
     uint lane[8];
 } IntLanes;
 
-// Asks for what will be walked to later, where the compiler knows how to.
+// Asks for what will be walked to later, where the compiler knows how to. Without a branch: whether it is a leaf
+// cannot be predicted.
 static void prefetch_link(const Scene *scene, uint link)
 {
 #ifdef __has_builtin
 #if __has_builtin(__builtin_prefetch)
-    __global const char *leaf = (__global const char *)(scene->leaves + 9u * (link & 0x0fffffffu));
-    __global const char *at = link & LEAF ? leaf : (__global const char *)(scene->nodes + link);
-    for (uint line = 0; line < 4u; ++line)
-        __builtin_prefetch(at + 64u * line);
+    ulong is_leaf = (ulong)(long)((int)link >> 31);
+    ulong leaf = (ulong)scene->leaves + 9u * sizeof(float) * (ulong)(link & 0x0fffffffu);
+    ulong node = (ulong)scene->nodes + sizeof(WideNode) * (ulong)link;
+    __global const char *at = (__global const char *)(leaf & is_leaf | node & ~is_leaf);
+    __builtin_prefetch(at);
+    __builtin_prefetch(at + 64);
+    __builtin_prefetch(at + 128);
+    __builtin_prefetch(at + 192);
 #endif
 #endif
 }

@@ -241,7 +241,15 @@ impl Probe {
             RayKind::Occlusion => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.hidden));
-                self.occlusion.launch(&args, self.walk.items_of_bundles(self.bundle_count), group)
+                if self.walk == Walk::Alone {
+                    return self.occlusion.launch(
+                        &args,
+                        self.walk.items_of_bundles(self.bundle_count),
+                        group,
+                    );
+                }
+                let items = self.walk.items_of_streams(self.bundle_count, &self.device);
+                self.occlusion.launch(&args, items, self.walk.group_of_streams())
             }
             RayKind::Bounce => {
                 args.extend(self.bundle_args());

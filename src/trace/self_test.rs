@@ -138,12 +138,12 @@ mod tests {
             return;
         };
         let device = Device::open(&info).unwrap();
-        let depth = "record.depth = view_depth(&camera, d, hit.t);";
+        let depth = "sample->depth = view_depth(camera, d, hit.t);";
         assert_eq!(verdict(&device, depth, depth).map_err(|e| e.to_string()), Ok(()));
-        let light = "sum->diffuse += weights[i].diffuse * light;";
+        let light = "sample->sum.diffuse += sample->weights[i].diffuse * light;";
         for (piece, wrong, told) in [
-            (depth, "record.depth = 1.01f * view_depth(&camera, d, hit.t);", "sees a floor"),
-            (light, "sum->diffuse += 0.8f * weights[i].diffuse * light;", "times the light"),
+            (depth, "sample->depth = 1.01f * view_depth(camera, d, hit.t);", "sees a floor"),
+            (light, "sample->sum.diffuse += 0.8f * sample->weights[i].diffuse * light;", "times the light"),
         ] {
             let problem = verdict(&device, piece, wrong).unwrap_err().to_string();
             assert!(problem.contains("fails its self-test") && problem.contains(told), "{problem}");

@@ -5,7 +5,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 22] = [
+const FILES: [&str; 23] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -13,6 +13,7 @@ const FILES: [&str; 22] = [
     include_str!("../../kernels/shared/texture.h"),
     include_str!("../../kernels/shared/traverse.h"),
     include_str!("../../kernels/shared/compact.h"),
+    include_str!("../../kernels/shared/streams.h"),
     include_str!("../../kernels/shared/surface.h"),
     include_str!("../../kernels/shared/eight.h"),
     include_str!("../../kernels/shared/bsdf.h"),
@@ -32,17 +33,18 @@ const FILES: [&str; 22] = [
 
 /// The whole text.
 pub fn text() -> String {
-    FILES.join("\n")
+    lanes_of_bits() + &FILES.join("\n")
 }
 
 /// What rays alone need, for measurements of them.
-const PROBE_FILES: [&str; 11] = [
+const PROBE_FILES: [&str; 12] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
     include_str!("../../kernels/shared/scene.h"),
     include_str!("../../kernels/shared/traverse.h"),
     include_str!("../../kernels/shared/compact.h"),
+    include_str!("../../kernels/shared/streams.h"),
     include_str!("../../kernels/shared/camera.h"),
     include_str!("../../kernels/shared/frustum.h"),
     include_str!("../../kernels/shared/tiles.h"),
@@ -52,7 +54,18 @@ const PROBE_FILES: [&str; 11] = [
 
 /// The text of the kernels that measurements use.
 pub fn probe_text() -> String {
-    PROBE_FILES.join("\n")
+    lanes_of_bits() + &PROBE_FILES.join("\n")
+}
+
+/// A table that moves chosen lanes of a vector together: for each byte the places of its set bits, the lowest in the
+/// lowest byte.
+fn lanes_of_bits() -> String {
+    let places = |bits: u32| {
+        let set = (0..8u64).filter(|lane| bits >> lane & 1 == 1);
+        set.enumerate().fold(0u64, |packed, (place, lane)| packed | lane << (8 * place))
+    };
+    let entries: Vec<String> = (0..256).map(|bits| format!("{:#x}ul", places(bits))).collect();
+    format!("__constant ulong LANES_OF_BITS[256] = {{{}}};\n", entries.join(", "))
 }
 
 /// Build options: every feature and the variant, always defined, and the depth of the kernels' stacks.
@@ -65,4 +78,16 @@ pub fn options(features: &Features, tree_depth: u32, walk: Walk) -> String {
     // share built kernels.
     let entries = (tree_depth * 7 + 9).next_multiple_of(64);
     options + &format!(" -D SINGLE_RAYS={} -D STACK_SIZE={entries}", u32::from(walk == Walk::Alone))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn chosen_lanes_are_moved_together() {
+        let text = super::lanes_of_bits();
+        let entries: Vec<&str> = text[text.find('{').unwrap() + 1..].split(", ").collect();
+        assert_eq!((entries.len(), entries[0], entries[1]), (256, "0x0ul", "0x0ul"));
+        assert_eq!(entries[0b1010_0110], "0x7050201ul");
+        assert!(entries[255].starts_with("0x706050403020100ul"));
+    }
 }

@@ -500,7 +500,9 @@ impl Tracer {
             Arg::buffer(samples),
             Arg::buffer(&self.counters),
         ]);
-        self.shade_samples.launch(&args, part.samples.len(), self.walks.bundles.group())
+        let walk = self.walks.bundles;
+        let items = walk.items_of_streams(part.samples.len(), &self.device);
+        self.shade_samples.launch(&args, items, walk.group_of_streams())
     }
 }
 

@@ -75,11 +75,45 @@ impl Walk {
         }
     }
 
-    /// Work-items that trace bundles of 32 rays.
+    /// Work-items that trace the nearest hits of bundles of 32 rays.
     pub(super) fn items_of_bundles(self, bundles: usize) -> usize {
         match self {
             Walk::Together => bundles,
             Walk::Alone => bundles * 32,
         }
+    }
+
+    /// Work-items that share streams of rays, from bundles or samples: they take `STREAMS` of
+    /// `kernels/shared/streams.h` each, or fewer where some of the device's units would have nothing to do.
+    pub(super) fn items_of_streams(self, streams: usize, device: &Device) -> usize {
+        match self {
+            Walk::Together => {
+                let busy = 8 * device.info().compute_units as usize;
+                streams.div_ceil(STREAMS).max(busy).min(streams)
+            }
+            Walk::Alone => streams,
+        }
+    }
+
+    /// Work-items in a group of those.
+    pub(super) fn group_of_streams(self) -> usize {
+        match self {
+            Walk::Together => 1,
+            Walk::Alone => self.group(),
+        }
+    }
+}
+
+/// Streams of a work-item: that of `kernels/shared/streams.h`.
+const STREAMS: usize = 16;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_have_as_many_streams() {
+        let text = include_str!("../../kernels/shared/streams.h");
+        assert!(text.contains(&format!("#define STREAMS {STREAMS}u")));
     }
 }

@@ -126,7 +126,11 @@ impl Idle {
                     Arg::buffer(&self.counters),
                 ]),
             }
-            kernel.launch(&args, 1, self.walk.group())?;
+            let group = match *name {
+                "shade_samples" => self.walk.group_of_streams(),
+                _ => self.walk.group(),
+            };
+            kernel.launch(&args, 1, group)?;
         }
         self.device.finish()
     }
