@@ -17,89 +17,172 @@
 #define SHARE_SHIFT 27
 #define WHOLE_SHARE 15.0f
 
-// A camera ray's hit, and the triangle as far as it tells surfaces apart; made when first needed.
+// A camera ray's hit.
 typedef struct {
-    HitRecord hit;
+    uint triangle;
+    float t;
     float3 d;
-    bool known;
+} Seen;
+
+// A triangle as far as it tells surfaces apart: its plane relative to the eye, with the normal towards it.
+typedef struct {
     uint material;
     float3 normal;
     float plane;
-} Seen;
+} Flat;
 
-static Seen seen_of(HitRecord hit, float3 d)
-{
-    Seen s = {hit, d, false, 0u, 0.0f, 0.0f};
-    return s;
-}
-
-static void know(const Scene *scene, const Camera *camera, Seen *s)
-{
-    if (s->known)
-        return;
-    s->known = true;
-    uint packed = scene->triangles[s->hit.triangle].packed;
-    float3 v[3];
-    triangle_corners(scene, s->hit.triangle, packed, v);
-    float3 a = (v[0] - load3(camera->origin)) - load3(camera->origin_low);
-    float3 n = unit_or(cross(v[1] - v[0], v[2] - v[0]), -s->d);
-    s->material = TRIANGLE_MATERIAL(packed);
-    s->normal = dot3(n, s->d) > 0.0f ? -n : n;
-    s->plane = dot3(s->normal, a);
-}
-
-static bool on_one_surface(const Scene *scene, const Camera *camera, Seen *a, Seen *b)
-{
-    if (a->hit.triangle == b->hit.triangle)
-        return true;
-    if (a->hit.triangle == NONE || b->hit.triangle == NONE)
-        return false;
-    know(scene, camera, a);
-    know(scene, camera, b);
-    float allowed = SAME_PLANE * camera->step[0] * min(a->hit.t, b->hit.t);
-    return a->material == b->material && dot3(a->normal, b->normal) >= SAME_NORMAL &&
-           min(fabs(dot3(a->normal, b->d) * b->hit.t - a->plane), fabs(dot3(b->normal, a->d) * a->hit.t - b->plane)) <= allowed;
-}
-
-static Seen seen_at(const Camera *camera, __global const HitRecord *hits, uint x, uint y)
-{
-    return seen_of(hits[y * camera->width + x], camera_ray(camera, x, y));
-}
-
-static uint emission_of(VisibilityRecord r) { return r.emission >> 26 == MAPPED_NORMAL >> 26 ? 0u : r.emission; }
-
-// Whether two pixels' surfaces look alike, as far as their records tell.
-static bool look_alike(VisibilityRecord a, VisibilityRecord b)
-{
-    if (!(a.depth > 0.0f) || !(b.depth > 0.0f))
-        return !(a.depth > 0.0f) && !(b.depth > 0.0f);
-    uchar4 apart = abs_diff(as_uchar4(a.albedo), as_uchar4(b.albedo));
-    return max(apart.x, max(apart.y, apart.z)) <= SAME_BASE && emission_of(a) == emission_of(b) &&
-           dot3(unpack_normal24(a.normal), unpack_normal24(b.normal)) >= SAME_NORMAL;
-}
+// A block's pixels and those around it, row by row: of sixteen lanes ten count. Places in it are
+// 16 * row + column, and the block begins at row 1, column 1. Pixels beyond the picture repeat its last ones.
+#define AROUND (BLOCK + 2u)
+#define WINDOW_ROW 16u
+#define WINDOW (AROUND * WINDOW_ROW + WINDOW_ROW)
+#define FLATS_KEPT 16u
 
 typedef struct {
     const Scene *scene;
     const Camera *camera;
-    __global const HitRecord *hits;
-    __global const VisibilityRecord *records;
-} Pixels;
+    uint left, top;
+    uint triangle[WINDOW];
+    float t[WINDOW];
+    // Bit 31: whether the sun is seen.
+    uint normal[WINDOW];
+    float dx[WINDOW], dy[WINDOW], dz[WINDOW];
+    // Triangles that were asked for last.
+    uint16 kept;
+    Flat flats[FLATS_KEPT];
+    uint next;
+} Window;
 
-#define NO_EDGE 0u
-#define SHADOW_EDGE 1u
-#define SURFACE_EDGE 2u
+static uint window_place(uint pixel) { return (pixel / BLOCK + 1u) * WINDOW_ROW + pixel % BLOCK + 1u; }
 
-// What separates two pixels.
-static uint edge_between(const Pixels *p, uint x, uint y, uint nx, uint ny)
+// The pixel of a row or a column of the window.
+static uint clamped(uint first, uint i, uint count) { return min(max(first + i, 1u) - 1u, count - 1u); }
+
+static void load_window(Window *w, const Scene *scene, const Camera *camera, __global const HitRecord *hits,
+                        __global const VisibilityRecord *records, uint left, uint top)
 {
-    uint width = p->camera->width, at = y * width + x, next = ny * width + nx;
-    bool shadow = ((p->records[at].normal ^ p->records[next].normal) & SUN_VISIBLE) != 0u;
-    if (p->hits[at].triangle == p->hits[next].triangle)
-        return shadow ? SHADOW_EDGE : NO_EDGE;
-    if (!shadow && look_alike(p->records[at], p->records[next]))
-        return NO_EDGE;
-    Seen own = seen_at(p->camera, p->hits, x, y), other = seen_at(p->camera, p->hits, nx, ny);
-    return !on_one_surface(p->scene, p->camera, &own, &other) ? SURFACE_EDGE : shadow ? SHADOW_EDGE : NO_EDGE;
+    w->scene = scene;
+    w->camera = camera;
+    w->left = left;
+    w->top = top;
+    w->kept = NONE;
+    w->next = 0u;
+    for (uint row = 0; row < AROUND; ++row) {
+        uint start = clamped(top, row, camera->height) * camera->width;
+        for (uint column = 0; column < AROUND; ++column) {
+            uint pixel = start + clamped(left, column, camera->width), place = row * WINDOW_ROW + column;
+            w->triangle[place] = hits[pixel].triangle;
+            w->t[place] = hits[pixel].t;
+            w->normal[place] = records[pixel].normal;
+        }
+    }
+}
+
+// The pixels' rays.
+static void aim_window(Window *w)
+{
+    for (uint row = 0; row < AROUND; ++row) {
+        float16 x, y, dx, dy, dz;
+        for (uint column = 0; column < WINDOW_ROW; ++column) {
+            float2 point = point_of_pixel(w->camera, clamped(w->left, column, w->camera->width), clamped(w->top, row, w->camera->height));
+            ((float *)&x)[column] = point.x;
+            ((float *)&y)[column] = point.y;
+        }
+        rays_through(w->camera, x, y, &dx, &dy, &dz);
+        vstore16(dx, 0, w->dx + row * WINDOW_ROW);
+        vstore16(dy, 0, w->dy + row * WINDOW_ROW);
+        vstore16(dz, 0, w->dz + row * WINDOW_ROW);
+    }
+}
+
+static Seen seen_at(const Window *w, uint place)
+{
+    Seen s = {w->triangle[place], w->t[place], (float3)(w->dx[place], w->dy[place], w->dz[place])};
+    return s;
+}
+
+static Flat flat_of(Window *w, const Seen *s)
+{
+    ulong found = lanes_of16(w->kept == s->triangle);
+    if (found)
+        return w->flats[lowest_bit64(found)];
+    uint packed = w->scene->triangles[s->triangle].packed;
+    float3 v[3];
+    triangle_corners(w->scene, s->triangle, packed, v);
+    float3 a = (v[0] - load3(w->camera->origin)) - load3(w->camera->origin_low);
+    float3 n = unit_or(cross(v[1] - v[0], v[2] - v[0]), -s->d);
+    n = dot3(n, s->d) > 0.0f ? -n : n;
+    Flat flat = {TRIANGLE_MATERIAL(packed), n, dot3(n, a)};
+    w->flats[w->next] = flat;
+    ((uint *)&w->kept)[w->next] = s->triangle;
+    w->next = (w->next + 1u) % FLATS_KEPT;
+    return flat;
+}
+
+static bool on_one_surface(Window *w, const Seen *a, const Seen *b)
+{
+    if (a->triangle == b->triangle)
+        return true;
+    if (a->triangle == NONE || b->triangle == NONE)
+        return false;
+    Flat p = flat_of(w, a), q = flat_of(w, b);
+    float allowed = SAME_PLANE * w->camera->step[0] * min(a->t, b->t);
+    return p.material == q.material && dot3(p.normal, q.normal) >= SAME_NORMAL &&
+           min(fabs(dot3(p.normal, b->d) * b->t - p.plane), fabs(dot3(q.normal, a->d) * a->t - q.plane)) <= allowed;
+}
+
+// What the records say of the window's surfaces.
+typedef struct {
+    uint base[WINDOW], emission[WINDOW];
+    float nx[WINDOW], ny[WINDOW], nz[WINDOW];
+} Looks;
+
+// As `unpack_normal24`.
+static void unpack_normals24(uint16 packed, float16 *x, float16 *y, float16 *z)
+{
+    float16 u = max(convert_float16(as_int16(packed << 20) >> 20) / 2047.0f, -1.0f);
+    float16 v = max(convert_float16(as_int16(packed << 8) >> 20) / 2047.0f, -1.0f);
+    *z = 1.0f - fabs(u) - fabs(v);
+    float16 fold = max(-*z, 0.0f);
+    u -= copysign(fold, u);
+    v -= copysign(fold, v);
+    float16 scale = rsqrt(fma(u, u, fma(v, v, *z * *z)));
+    *x = u * scale;
+    *y = v * scale;
+    *z *= scale;
+}
+
+static void load_looks(Looks *l, const Window *w, __global const VisibilityRecord *records)
+{
+    for (uint row = 0; row < AROUND; ++row) {
+        uint start = clamped(w->top, row, w->camera->height) * w->camera->width;
+        for (uint column = 0; column < AROUND; ++column) {
+            __global const VisibilityRecord *record = records + start + clamped(w->left, column, w->camera->width);
+            uint place = row * WINDOW_ROW + column, emission = record->emission;
+            l->base[place] = record->albedo;
+            l->emission[place] = emission >> 26 == MAPPED_NORMAL >> 26 ? 0u : emission;
+        }
+        float16 x, y, z;
+        unpack_normals24(vload16(row, w->normal), &x, &y, &z);
+        vstore16(x, row, l->nx);
+        vstore16(y, row, l->ny);
+        vstore16(z, row, l->nz);
+    }
+}
+
+static int16 alike_steps(uint16 a, uint16 b, uint shift)
+{
+    return abs_diff(a >> shift & 255u, b >> shift & 255u) <= SAME_BASE;
+}
+
+// Whether the surfaces from two places on look alike, lane by lane, as far as their records tell.
+static int16 look_alike(const Looks *l, uint a, uint b)
+{
+    uint16 base_a = vload16(0, l->base + a), base_b = vload16(0, l->base + b);
+    float16 cosine = fma(vload16(0, l->nx + a), vload16(0, l->nx + b),
+                         fma(vload16(0, l->ny + a), vload16(0, l->ny + b), vload16(0, l->nz + a) * vload16(0, l->nz + b)));
+    return alike_steps(base_a, base_b, 0u) & alike_steps(base_a, base_b, 8u) & alike_steps(base_a, base_b, 16u) &
+           (vload16(0, l->emission + a) == vload16(0, l->emission + b)) & (cosine >= SAME_NORMAL);
 }
 
 // Pixels of a block, one bit each.
@@ -107,34 +190,75 @@ typedef struct {
     ulong surface, shadow;
 } Edges;
 
-// Marks both pixels of a pair that lies along x or y, as far as they lie in the block at (left, top).
-static void mark_pair(const Pixels *p, Edges *edges, uint left, uint top, uint x, uint y, bool down)
+// Pairs of pixels, each with the next one along a row or a column, as bits for the first one's lane in each row
+// of the window: where triangles differ, and where one sees the sun and the other does not.
+typedef struct {
+    ushort triangles[AROUND], shadows[AROUND];
+} Pairs;
+
+// Finds the pairs with `step` from the first pixel to the second; the lanes of `columns` and the rows from `first_row`
+// on count. True if there are some.
+static bool find_pairs(const Window *w, uint step, uint first_row, uint columns, Pairs *pairs)
 {
-    uint nx = down ? x : x + 1u, ny = down ? y + 1u : y;
-    uint edge = edge_between(p, x, y, nx, ny);
-    if (edge == NO_EDGE)
-        return;
-    ulong bits = 0ul;
-    if (x - left < BLOCK && y - top < BLOCK)
-        bits |= 1ul << ((y - top) * BLOCK + x - left);
-    if (nx - left < BLOCK && ny - top < BLOCK)
-        bits |= 1ul << ((ny - top) * BLOCK + nx - left);
-    edges->surface |= edge == SURFACE_EDGE ? bits : 0ul;
-    edges->shadow |= edge == SHADOW_EDGE ? bits : 0ul;
+    uint some = 0u;
+    for (uint row = first_row; row < AROUND - 1u; ++row) {
+        uint at = row * WINDOW_ROW, next = at + step;
+        pairs->triangles[row] = lanes_of16(vload16(0, w->triangle + at) != vload16(0, w->triangle + next)) & columns;
+        pairs->shadows[row] = lanes_of16(as_int16(vload16(0, w->normal + at) ^ vload16(0, w->normal + next)) < 0) & columns;
+        some |= pairs->triangles[row] | pairs->shadows[row];
+    }
+    return some != 0u;
 }
 
-// Pixels of the block at (left, top) that an edge separates from one to the left, right, above or below.
-static Edges find_edges(const Pixels *p, uint left, uint top)
+// The bit of a place of the window in its block, if it lies there.
+static ulong block_bit(uint place)
 {
-    uint last_x = min(left + BLOCK, p->camera->width - 1u), last_y = min(top + BLOCK, p->camera->height - 1u);
+    uint row = place / WINDOW_ROW - 1u, column = place % WINDOW_ROW - 1u;
+    return row < BLOCK && column < BLOCK ? 1ul << (row * BLOCK + column) : 0ul;
+}
+
+// Marks both pixels of each pair that an edge separates.
+static void mark_pairs(Window *w, const Looks *l, uint step, uint first_row, const Pairs *pairs, Edges *edges)
+{
+    for (uint row = first_row; row < AROUND - 1u; ++row) {
+        uint start = row * WINDOW_ROW, shadows = pairs->shadows[row], differ = pairs->triangles[row];
+        if (differ & ~shadows)
+            differ &= shadows | ~(uint)lanes_of16(look_alike(l, start, start + step));
+        for (uint left = differ | shadows; left; left &= left - 1u) {
+            uint lane = lowest_bit(left), at = start + lane;
+            ulong bits = block_bit(at) | block_bit(at + step);
+            Seen a = seen_at(w, at), b = seen_at(w, at + step);
+            if ((differ >> lane & 1u) && !on_one_surface(w, &a, &b))
+                edges->surface |= bits;
+            else if (shadows >> lane & 1u)
+                edges->shadow |= bits;
+        }
+    }
+}
+
+// The pixels of a block that lie in the picture.
+static ulong pixels_inside(const Window *w)
+{
+    uint columns = min(w->camera->width - w->left, BLOCK), lines = min(w->camera->height - w->top, BLOCK);
+    return (0xfful >> (BLOCK - columns)) * 0x0101010101010101ul & ~0ul >> (BLOCK * (BLOCK - lines));
+}
+
+// Pixels of the window's block that an edge separates from one to the left, right, above or below.
+static Edges find_edges(Window *w, __global const VisibilityRecord *records)
+{
     Edges edges = {0ul, 0ul};
-    for (uint y = top; y < min(top + BLOCK, p->camera->height); ++y)
-        for (uint x = left ? left - 1u : 0u; x < last_x; ++x)
-            mark_pair(p, &edges, left, top, x, y, false);
-    for (uint y = top ? top - 1u : 0u; y < last_y; ++y)
-        for (uint x = left; x < min(left + BLOCK, p->camera->width); ++x)
-            mark_pair(p, &edges, left, top, x, y, true);
-    edges.shadow &= ~edges.surface;
+    Pairs across, down;
+    bool some_across = find_pairs(w, 1u, 1u, 0x1ffu, &across), some_down = find_pairs(w, WINDOW_ROW, 0u, 0x1feu, &down);
+    if (!some_across && !some_down)
+        return edges;
+    aim_window(w);
+    Looks looks;
+    load_looks(&looks, w, records);
+    mark_pairs(w, &looks, 1u, 1u, &across, &edges);
+    mark_pairs(w, &looks, WINDOW_ROW, 0u, &down, &edges);
+    // Columns beyond the picture have edges where its last one has.
+    edges.surface &= pixels_inside(w);
+    edges.shadow &= pixels_inside(w) & ~edges.surface;
     return edges;
 }
 
@@ -146,23 +270,35 @@ static float2 point_in_pixel(uint ray, uint rays)
     return (float2)(((float)ray + 0.5f) / (float)rays, min(radical_inverse + half_step, 1.0f - half_step));
 }
 
-// Which of the eight neighbours of pixel (x, y), counted row by row without the pixel itself, sees the
-// surface that was hit at `point` in the pixel; 8 if none does.
-static uint neighbour_that_sees(const Scene *scene, const Camera *camera, __global const HitRecord *hits, uint x, uint y,
-                                Seen *hit, float2 point)
+// How the place of neighbour `i` of a pixel, counted row by row without the pixel itself, lies to the pixel's.
+static int2 step_to(uint i)
+{
+    uint place = i < 4u ? i : i + 1u;
+    return (int2)((int)(place % 3u) - 1, (int)(place / 3u) - 1);
+}
+
+// Whether neighbour `i` of a pixel of the window lies in the picture, and its place.
+static bool neighbour_of(const Window *w, uint place, uint i, uint *neighbour)
+{
+    int2 step = step_to(i);
+    uint row = place / WINDOW_ROW + step.y, column = place % WINDOW_ROW + step.x;
+    *neighbour = row * WINDOW_ROW + column;
+    return w->left + column - 1u < w->camera->width && w->top + row - 1u < w->camera->height;
+}
+
+// Which of a pixel's eight neighbours sees the surface that was hit at `point` in the pixel; 8 if none does.
+static uint neighbour_that_sees(Window *w, uint place, const Seen *hit, float2 point)
 {
     uint best = 8u;
     float nearest = INFINITY;
     for (uint i = 0; i < 8u; ++i) {
-        uint place = i < 4u ? i : i + 1u;
-        int2 step = (int2)((int)(place % 3u) - 1, (int)(place / 3u) - 1);
-        uint nx = x + step.x, ny = y + step.y;
-        float2 away = convert_float2(step) + 0.5f - point;
+        uint neighbour;
+        float2 away = convert_float2(step_to(i)) + 0.5f - point;
         float distance = dot(away, away);
-        if (nx >= camera->width || ny >= camera->height || distance >= nearest)
+        if (distance >= nearest || !neighbour_of(w, place, i, &neighbour))
             continue;
-        Seen other = seen_at(camera, hits, nx, ny);
-        if (on_one_surface(scene, camera, hit, &other)) {
+        Seen other = seen_at(w, neighbour);
+        if (on_one_surface(w, hit, &other)) {
             best = i;
             nearest = distance;
         }
@@ -186,17 +322,21 @@ static uint packed_share(const uint votes[8], uint rays)
 // The same at a shadow's edge, from how many neighbours it separates from the pixel: where three in a row
 // are, as along a straight edge, an eighth: the edge lies in one of the two pixels beside it, and there it cuts
 // off a quarter on average.
-static uint share_of_shadow(const Pixels *p, uint x, uint y)
+static uint share_of_shadow(Window *w, uint place)
 {
     uint winner = 0u, apart = 0u;
+    Seen own = seen_at(w, place);
     for (uint i = 0; i < 8u; ++i) {
-        uint place = i < 4u ? i : i + 1u;
-        uint nx = x + place % 3u - 1u, ny = y + place / 3u - 1u;
-        if (nx >= p->camera->width || ny >= p->camera->height || edge_between(p, x, y, nx, ny) != SHADOW_EDGE)
+        uint neighbour;
+        if (!neighbour_of(w, place, i, &neighbour) || !((w->normal[place] ^ w->normal[neighbour]) & SUN_VISIBLE))
+            continue;
+        Seen other = seen_at(w, neighbour);
+        if (!on_one_surface(w, &own, &other))
             continue;
         ++apart;
         // One that shares a side with the pixel, if there is one.
-        winner = apart == 1u || (place & 1u) ? i : winner;
+        int2 step = step_to(i);
+        winner = apart == 1u || step.x == 0 || step.y == 0 ? i : winner;
     }
     return winner << NEIGHBOUR_SHIFT | (uint)((float)apart / 24.0f * WHOLE_SHARE + 0.5f) << SHARE_SHIFT;
 }
@@ -211,12 +351,13 @@ __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global c
     uint left, top;
     if (!block_corner(&camera, tiles, first, tile_count, (uint)get_global_id(0), &left, &top))
         return;
-    Pixels seen = {&scene, &camera, hits, records};
-    Edges edges = find_edges(&seen, left, top);
+    Window window;
+    load_window(&window, &scene, &camera, hits, records, left, top);
+    Edges edges = find_edges(&window, records);
     for (ulong shadow = edges.shadow; shadow; shadow &= shadow - 1ul) {
         uint i = lowest_bit64(shadow);
         uint x = left + i % BLOCK, y = top + i / BLOCK;
-        records[y * camera.width + x].normal |= share_of_shadow(&seen, x, y);
+        records[y * camera.width + x].normal |= share_of_shadow(&window, window_place(i));
     }
     ulong waiting = edges.surface;
     if (!waiting)
@@ -248,14 +389,14 @@ __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global c
         for (uint p = 0; p < count; ++p) {
             uint x = left + pixels[p] % BLOCK, y = top + pixels[p] / BLOCK;
             uint votes[8] = {0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u};
-            Seen own = seen_at(&camera, hits, x, y);
+            uint place = window_place(pixels[p]);
+            Seen own = seen_at(&window, place);
             for (uint ray = 0; ray < rays; ++ray) {
                 uint i = p * rays + ray;
-                HitRecord hit = {((uint *)block.triangle)[i], ((float *)block.t_max)[i]};
-                Seen other = seen_of(hit, block_ray(&block, i));
-                if (on_one_surface(&scene, &camera, &own, &other))
+                Seen other = {((uint *)block.triangle)[i], ((float *)block.t_max)[i], block_ray(&block, i)};
+                if (on_one_surface(&window, &own, &other))
                     continue;
-                uint neighbour = neighbour_that_sees(&scene, &camera, hits, x, y, &other, point_in_pixel(ray, rays));
+                uint neighbour = neighbour_that_sees(&window, place, &other, point_in_pixel(ray, rays));
                 if (neighbour < 8u)
                     ++votes[neighbour];
             }

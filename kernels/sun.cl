@@ -5,13 +5,26 @@
 // Pixels whose origins lie within this many pixel widths across the beam are traced together.
 #define BEAM_WIDTH 20.0f
 
-// Where a pixel's ray to the sun starts; false where its surface faces away from the sun.
-static bool sun_origin(const Facet *f, float3 d, float3 sun, float3 *origin)
+// Where a facet's pixels' rays to the sun start, and which of these face it: `same` says which pixels.
+static ulong origins_on_facet(const Facet *f, const Camera *camera, float3 sun, uint left, uint top, ulong same, Origins *origins)
 {
-    float3 w = hit_weights(f, d);
-    float3 n = dot3(f->geometric, d) > 0.0f ? -f->geometric : f->geometric;
-    *origin = f->corners[0] * w.x + f->corners[1] * w.y + f->corners[2] * w.z + n * f->offset;
-    return dot3(n, sun) > 0.0f;
+    ulong facing = 0ul;
+    while (same) {
+        Places p = take_places(&same);
+        Vectors d = camera_rays(camera, left + (p.vector & (BLOCK - 1u)), top + p.vector / BLOCK);
+        Vectors w = weights_of_hits(f, d);
+        Vectors n = choose(everywhere(f->geometric), everywhere(-f->geometric), dots_with(d, f->geometric) > 0.0f);
+        Vectors at = mix_vectors(f->corners[0], f->corners[1], f->corners[2], w);
+        Lanes x = {fma(n.x, (float8)f->offset, at.x)}, y = {fma(n.y, (float8)f->offset, at.y)}, z = {fma(n.z, (float8)f->offset, at.z)};
+        ulong lit = lanes_of(dots_with(n, sun) > 0.0f);
+        for (uint i = 0; i < p.count; ++i) {
+            ((float *)origins->x)[p.place[i]] = x.lane[i];
+            ((float *)origins->y)[p.place[i]] = y.lane[i];
+            ((float *)origins->z)[p.place[i]] = z.lane[i];
+            facing |= (lit >> i & 1ul) << p.place[i];
+        }
+    }
+    return facing;
 }
 
 // Writes the sun's visibility into the records of all pixels of the tiles first .. first + count, whose rest
@@ -23,51 +36,30 @@ __kernel void light_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __g
     uint left, top;
     if (!block_corner(&camera, tiles, first, count_of_tiles, (uint)get_global_id(0), &left, &top))
         return;
-    float3 sun = load3(shading.sun_direction), origins[BEAM_RAYS];
-    float widths[BEAM_RAYS];
-    ulong waiting = 0ul;
-    Facet facet;
-    uint prepared = NONE;
-    for (uint i = 0; i < BEAM_RAYS; ++i) {
-        uint x = left + i % BLOCK, y = top + i / BLOCK;
-        if (x >= camera.width || y >= camera.height)
-            continue;
-        HitRecord hit = hits[y * camera.width + x];
-        records[y * camera.width + x].normal = 0u;
-        if (hit.triangle == NONE)
-            continue;
-        if (hit.triangle != prepared)
-            facet = facet_of(&scene, hit.triangle, load3(camera.origin), load3(camera.origin_low));
-        prepared = hit.triangle;
-        if (sun_origin(&facet, camera_ray(&camera, x, y), sun, &origins[i]))
-            waiting |= 1ul << i;
-        widths[i] = hit.t * camera.step[0];
+    float3 sun = load3(shading.sun_direction);
+    BlockHits block;
+    load_hits(&block, &camera, hits, left, top);
+    Origins origins;
+    ulong waiting = 0ul, visible = 0ul;
+    for (ulong pixels = block.hits; pixels;) {
+        uint triangle = block.triangle[lowest_bit64(pixels)];
+        ulong same = pixels_that_hit(&block, triangle);
+        pixels &= ~same;
+        Facet facet = facet_of(&scene, triangle, load3(camera.origin), load3(camera.origin_low));
+        waiting |= origins_on_facet(&facet, &camera, sun, left, top, same, &origins);
     }
     if (waiting)
         atomic_add(&counters[0], (uint)popcount(waiting));
     while (waiting) {
         uint leader = lowest_bit64(waiting);
-        float limit = widths[leader] * BEAM_WIDTH;
         Beam beam;
-        start_beam(&beam, origins[leader], sun);
-        uint members[BEAM_RAYS];
-        for (ulong left_over = waiting; left_over; left_over &= left_over - 1ul) {
-            uint i = lowest_bit64(left_over);
-            float3 q = origins[i] - origins[leader];
-            float along = dot3(q, sun);
-            if (dot3(q, q) - along * along > limit * limit)
-                continue;
-            waiting &= ~(1ul << i);
-            members[beam.count] = i;
-            add_origin(&beam, q);
-        }
-        uint count = beam.count;
-        ulong hidden = trace_beam(&scene, &beam, camera.seed);
-        for (uint k = 0; k < count; ++k)
-            if (!(hidden >> k & 1ul)) {
-                uint x = left + members[k] % BLOCK, y = top + members[k] / BLOCK;
-                records[y * camera.width + x].normal = SUN_VISIBLE;
-            }
+        start_beam(&beam, &origins, waiting, leader, block.t[leader] * camera.step[0] * BEAM_WIDTH, sun);
+        waiting &= ~beam.rays;
+        visible |= beam.rays & ~trace_beam(&scene, &beam, camera.seed);
     }
+    uint columns = min(camera.width - left, BLOCK), lines = min(camera.height - top, BLOCK);
+    for (uint y = 0; y < lines; ++y)
+        for (uint x = 0; x < columns; ++x)
+            records[(top + y) * camera.width + left + x].normal = visible >> (BLOCK * y + x) & 1ul ? SUN_VISIBLE : 0u;
 }
 #endif

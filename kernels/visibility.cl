@@ -23,10 +23,60 @@ static Vectors camera_rays(const Camera *camera, uint8 x, uint8 y)
     return units_or(d, -back);
 }
 
-// Up to eight pixels of a block that see one triangle: their places in the block, and their rays.
+// What the pixels of a block hit; `hits` has a bit for each one that hits something.
+typedef struct {
+    uint triangle[BLOCK * BLOCK];
+    float t[BLOCK * BLOCK];
+    ulong hits;
+} BlockHits;
+
+static void load_hits(BlockHits *b, const Camera *camera, __global const HitRecord *hits, uint left, uint top)
+{
+    b->hits = 0ul;
+    for (uint i = 0; i < BLOCK * BLOCK; ++i) {
+        uint x = left + i % BLOCK, y = top + i / BLOCK;
+        bool inside = x < camera->width && y < camera->height;
+        HitRecord hit = {NONE, 0.0f};
+        if (inside)
+            hit = hits[y * camera->width + x];
+        b->triangle[i] = hit.triangle;
+        b->t[i] = hit.t;
+        b->hits |= (ulong)(hit.triangle != NONE) << i;
+    }
+}
+
+static ulong pixels_that_hit(const BlockHits *b, uint triangle)
+{
+    ulong same = 0ul;
+    for (uint y = 0; y < BLOCK; ++y)
+        same |= lanes_of(vload8(y, b->triangle) == triangle) << (BLOCK * y);
+    return same;
+}
+
+// Up to eight pixels of a block: their places in it. The last one fills the rest.
 typedef struct {
     uint count;
-    uchar places[8];
+    union {
+        uint8 vector;
+        uint place[8];
+    };
+} Places;
+
+// Takes the first eight pixels, or as many as there are, from `waiting`.
+static Places take_places(ulong *waiting)
+{
+    Places p;
+    p.count = 0u;
+    for (; *waiting && p.count < 8u; *waiting &= *waiting - 1ul)
+        p.place[p.count++] = lowest_bit64(*waiting);
+    for (uint i = p.count; i < 8u; ++i)
+        p.place[i] = p.place[p.count - 1u];
+    return p;
+}
+
+// Pixels of a block that see one triangle, and their rays.
+typedef struct {
+    Places places;
     Vectors d;
     float8 t;
     Vectors weights;
@@ -35,16 +85,13 @@ typedef struct {
 #endif
 } Group;
 
-// Takes the first eight pixels, or as many as there are, from `waiting`.
-static Group group_of(const Scene *scene, const Camera *camera, const Facet *f, const float *t, uint left, uint top, ulong *waiting)
+// Takes up to eight pixels from `waiting`.
+static Group group_of(const Scene *scene, const Camera *camera, const Facet *f, const BlockHits *b, uint left, uint top, ulong *waiting)
 {
     Group g;
-    g.count = 0u;
-    for (; *waiting && g.count < 8u; *waiting &= *waiting - 1ul)
-        g.places[g.count++] = (uchar)lowest_bit64(*waiting);
-    for (uint i = g.count; i < 8u; ++i)
-        g.places[i] = g.places[g.count - 1u];
-    uint8 place = convert_uint8(vload8(0, g.places));
+    g.places = take_places(waiting);
+    uint8 place = g.places.vector;
+    const float *t = b->t;
     g.t = (float8)(t[place.s0], t[place.s1], t[place.s2], t[place.s3], t[place.s4], t[place.s5], t[place.s6], t[place.s7]);
     g.d = camera_rays(camera, left + (place & (BLOCK - 1u)), top + place / BLOCK);
     g.weights = weights_of_hits(f, g.d);
@@ -148,15 +195,15 @@ static void describe_group(const Scene *scene, const Camera *camera, const Facet
     Words map;
 #if HAS_NORMAL_MAPS && HAS_TEXTURES
     ulong here = 0ul;
-    for (uint i = 0; i < g->count; ++i)
-        here |= 1ul << g->places[i];
+    for (uint i = 0; i < g->places.count; ++i)
+        here |= 1ul << g->places.place[i];
     mapped = (lit & here) && material->textures[2].texture != NONE;
     if (mapped)
         map.vector = MAPPED_NORMAL | pack_normals24(face_viewers(mapped_normals(scene, f, g, smooth), g->d, f->geometric));
 #endif
     Lanes depth = {-dots_with(g->d, load3(camera->rotation[2])) * g->t};
-    for (uint i = 0; i < g->count; ++i) {
-        uint place = g->places[i];
+    for (uint i = 0; i < g->places.count; ++i) {
+        uint place = g->places.place[i];
         bool in_sun = (lit >> place & 1ul) != 0ul;
         VisibilityRecord record = {normal.lane[i] | (in_sun ? SUN_VISIBLE : 0u), depth.lane[i], albedo.lane[i], emission.lane[i]};
         // What shines itself needs the sun's shading less than its own light.
@@ -175,35 +222,28 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
     uint left, top;
     if (!block_corner(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top))
         return;
-    uint seen[BLOCK * BLOCK];
-    float t[BLOCK * BLOCK];
-    ulong waiting = 0ul, lit = 0ul;
+    BlockHits block;
+    load_hits(&block, &camera, hits, left, top);
+    ulong lit = 0ul;
     for (uint i = 0; i < BLOCK * BLOCK; ++i) {
         uint x = left + i % BLOCK, y = top + i / BLOCK;
-        seen[i] = NONE;
         if (x >= camera.width || y >= camera.height)
             continue;
         uint pixel = y * camera.width + x;
-        seen[i] = hits[pixel].triangle;
-        t[i] = hits[pixel].t;
-        if (seen[i] == NONE) {
+        if (block.triangle[i] == NONE)
             records[pixel] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
-            continue;
-        }
-        waiting |= 1ul << i;
 #if HAS_SUN
-        lit |= records[pixel].normal == SUN_VISIBLE ? 1ul << i : 0ul;
+        else
+            lit |= records[pixel].normal == SUN_VISIBLE ? 1ul << i : 0ul;
 #endif
     }
-    while (waiting) {
-        uint triangle = seen[lowest_bit64(waiting)];
-        ulong same = 0ul;
-        for (uint y = 0; y < BLOCK; ++y)
-            same |= lanes_of(vload8(y, seen) == triangle) << (BLOCK * y);
+    for (ulong waiting = block.hits; waiting;) {
+        uint triangle = block.triangle[lowest_bit64(waiting)];
+        ulong same = pixels_that_hit(&block, triangle);
         waiting &= ~same;
         Facet facet = facet_of(&scene, triangle, load3(camera.origin), load3(camera.origin_low));
         while (same) {
-            Group group = group_of(&scene, &camera, &facet, t, left, top, &same);
+            Group group = group_of(&scene, &camera, &facet, &block, left, top, &same);
             describe_group(&scene, &camera, &facet, &group, left, top, lit, records);
         }
     }

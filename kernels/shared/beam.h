@@ -5,14 +5,20 @@
 // origins at offsets q from a base, an edge volume of vertices relative to the base changes linearly:
 // d.((p - q) x (r - q)) = d.(p x r) + q.((p - r) x d), so a leaf is set up once for all rays.
 
-#define BEAM_RAYS 64u
+#define BEAM_ROWS 4u
+
+// Where rays start, in rows of sixteen.
+typedef struct {
+    float16 x[BEAM_ROWS], y[BEAM_ROWS], z[BEAM_ROWS];
+} Origins;
 
 typedef struct {
-    // Origins relative to the base, in rows of eight; the last row is filled up with its last origin.
-    float8 qx[BEAM_RAYS / 8u], qy[BEAM_RAYS / 8u], qz[BEAM_RAYS / 8u];
-    uint count;
+    // Relative to the base; those of other rays lie there.
+    Origins q;
+    // The rays that belong to it, a bit for each.
+    ulong rays;
     float3 base;
-    float3 d;
+    float3 d, inverse;
     // Two unit vectors across the beam, and what the origins span along them and along d.
     float3 across[2];
     float low[3], high[3];
@@ -20,35 +26,42 @@ typedef struct {
     float reach;
 } Beam;
 
-static void start_beam(Beam *b, float3 base, float3 d)
+static float3 origin_of(const Beam *b, uint ray)
 {
-    b->count = 0u;
-    b->base = base;
+    return (float3)(((const float *)b->q.x)[ray], ((const float *)b->q.y)[ray], ((const float *)b->q.z)[ray]);
+}
+
+// The rays among `waiting` that start within `width` of the leader's, seen along d.
+static void start_beam(Beam *b, const Origins *o, ulong waiting, uint leader, float width, float3 d)
+{
+    b->base = (float3)(((const float *)o->x)[leader], ((const float *)o->y)[leader], ((const float *)o->z)[leader]);
     b->d = d;
+    b->inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
     frame_around(d, &b->across[0], &b->across[1]);
-    b->reach = 0.0f;
-    for (uint axis = 0; axis < 3u; ++axis) {
-        b->low[axis] = INFINITY;
-        b->high[axis] = -INFINITY;
+    b->rays = 0ul;
+    float16 low[3] = {0.0f, 0.0f, 0.0f}, high[3] = {0.0f, 0.0f, 0.0f}, reach = 0.0f;
+    for (uint y = 0; y < BEAM_ROWS; ++y) {
+        float16 qx = o->x[y] - b->base.x, qy = o->y[y] - b->base.y, qz = o->z[y] - b->base.z;
+        float16 along = fma(qx, (float16)d.x, fma(qy, (float16)d.y, qz * d.z));
+        float16 squared = fma(qx, qx, fma(qy, qy, qz * qz));
+        int16 member = lanes_of_bits(waiting >> (16u * y)) & (squared - along * along <= width * width);
+        b->rays |= lanes_of16(member) << (16u * y);
+        b->q.x[y] = select((float16)0.0f, qx, member);
+        b->q.y[y] = select((float16)0.0f, qy, member);
+        b->q.z[y] = select((float16)0.0f, qz, member);
+        reach = max(reach, max(max(fabs(b->q.x[y]), fabs(b->q.y[y])), fabs(b->q.z[y])));
+        for (uint axis = 0; axis < 3u; ++axis) {
+            float3 n = axis < 2u ? b->across[axis] : d;
+            float16 at = fma(b->q.x[y], (float16)n.x, fma(b->q.y[y], (float16)n.y, b->q.z[y] * n.z));
+            low[axis] = min(low[axis], at);
+            high[axis] = max(high[axis], at);
+        }
     }
-}
-
-static void set_origin(Beam *b, uint i, float3 q)
-{
-    ((float *)b->qx)[i] = q.x;
-    ((float *)b->qy)[i] = q.y;
-    ((float *)b->qz)[i] = q.z;
-}
-
-static void add_origin(Beam *b, float3 q)
-{
-    set_origin(b, b->count++, q);
-    float along[3] = {dot3(q, b->across[0]), dot3(q, b->across[1]), dot3(q, b->d)};
     for (uint axis = 0; axis < 3u; ++axis) {
-        b->low[axis] = min(b->low[axis], along[axis]);
-        b->high[axis] = max(b->high[axis], along[axis]);
+        b->low[axis] = least_of(low[axis]);
+        b->high[axis] = -least_of(-high[axis]);
     }
-    b->reach = max(b->reach, max3(fabs(q)));
+    b->reach = -least_of(-reach);
 }
 
 // Boxes, by their middles and half sizes, that reach into the beam's span along one of its axes.
@@ -62,10 +75,9 @@ static int8 overlaps(const Beam *b, uint axis, const float8 middle[3], const flo
     return (at + reach >= b->low[axis]) & ~behind;
 }
 
-static int8 boxes_in_beam(const Beam *b, __global const WideNode *node)
+static int8 boxes_in_beam(const Beam *b, const float8 planes[6])
 {
-    float8 planes[6], middle[3], half_size[3];
-    box_planes(node, b->base, 0.0f, planes);
+    float8 middle[3], half_size[3];
     for (uint axis = 0; axis < 3u; ++axis) {
         middle[axis] = (planes[2u * axis] + planes[2u * axis + 1u]) * 0.5f;
         half_size[axis] = (planes[2u * axis + 1u] - planes[2u * axis]) * 0.5f;
@@ -99,7 +111,7 @@ static uint chance_at(float3 origin, uint seed)
 // One ray against one leaf from its own origin: for what rounding or alpha leaves open.
 static bool meet_leaf_alone(const Scene *scene, const Beam *b, uint first, uint n, uint ray, uint seed)
 {
-    float3 q = (float3)(((float *)b->qx)[ray], ((float *)b->qy)[ray], ((float *)b->qz)[ray]);
+    float3 q = origin_of(b, ray);
     Leaf leaf;
     load_leaf(scene->leaves + 9u * first, n, b->base, q, &leaf);
     load_planes(&leaf);
@@ -127,26 +139,25 @@ static ulong meet_beam_lane(const Leaf *l, uint lane, const Beam *b, ulong lit, 
     float edge = max(max(max3(fabs(e)), max3(fabs(f))), max3(fabs(g)));
     float error = row[144 + lane] + edge * b->reach * (4.0f * VOLUME_ERROR);
     ulong hits = 0ul;
-    for (uint y = 0; y < BEAM_RAYS / 8u; ++y) {
-        ulong row_lit = lit >> (8u * y) & 0xfful;
+    for (uint y = 0; y < BEAM_ROWS; ++y) {
+        ulong row_lit = lit >> (16u * y) & 0xfffful;
         if (!row_lit)
             continue;
-        float8 u = fma(b->qx[y], (float8)gu.x, fma(b->qy[y], (float8)gu.y, fma(b->qz[y], (float8)gu.z, (float8)u0)));
-        float8 v = fma(b->qx[y], (float8)gv.x, fma(b->qy[y], (float8)gv.y, fma(b->qz[y], (float8)gv.z, (float8)v0)));
-        float8 w = fma(b->qx[y], (float8)gw.x, fma(b->qy[y], (float8)gw.y, fma(b->qz[y], (float8)gw.z, (float8)w0)));
-        float8 least = min(min(u, v), w), most = max(max(u, v), w);
-        int8 inside = ~((least < -error) & (most > error));
-        if (!some8(inside))
+        float16 qx = b->q.x[y], qy = b->q.y[y], qz = b->q.z[y];
+        float16 u = fma(qx, (float16)gu.x, fma(qy, (float16)gu.y, fma(qz, (float16)gu.z, (float16)u0)));
+        float16 v = fma(qx, (float16)gv.x, fma(qy, (float16)gv.y, fma(qz, (float16)gv.z, (float16)v0)));
+        float16 w = fma(qx, (float16)gw.x, fma(qy, (float16)gw.y, fma(qz, (float16)gw.z, (float16)w0)));
+        float16 least = min(min(u, v), w), most = max(max(u, v), w);
+        int16 inside = ~((least < -error) & (most > error));
+        if (!some16(inside))
             continue;
-        float8 ahead = (plane - fma(b->qx[y], (float8)normal.x, fma(b->qy[y], (float8)normal.y, b->qz[y] * normal.z))) * facing;
-        int8 sure = (least > error) | (most < -error);
-        int8 hit = inside & sure & (ahead > 0.0f);
-        int8 unsure = (inside & ~sure) | (doubtful ? hit : (int8)(0));
-        hit = doubtful ? (int8)(0) : hit;
-        ulong hit_bits = (as_ulong(convert_char8(hit)) & 0x8040201008040201ul) * 0x0101010101010101ul >> 56;
-        ulong open_bits = (as_ulong(convert_char8(unsure)) & 0x8040201008040201ul) * 0x0101010101010101ul >> 56;
-        hits |= (hit_bits & row_lit) << (8u * y);
-        *open |= (open_bits & row_lit) << (8u * y);
+        float16 ahead = (plane - fma(qx, (float16)normal.x, fma(qy, (float16)normal.y, qz * normal.z))) * facing;
+        int16 sure = (least > error) | (most < -error);
+        int16 hit = inside & sure & (ahead > 0.0f);
+        int16 unsure = (inside & ~sure) | (doubtful ? hit : (int16)(0));
+        hit = doubtful ? (int16)(0) : hit;
+        hits |= (lanes_of16(hit) & row_lit) << (16u * y);
+        *open |= (lanes_of16(unsure) & row_lit) << (16u * y);
     }
     return hits;
 }
@@ -173,11 +184,12 @@ static ulong meet_leaf_with_beam(const Scene *scene, const Beam *b, uint first, 
 
 #if SINGLE_RAYS
 // The rays of a beam that hit anything.
-static ulong trace_beam(const Scene *scene, Beam *b, uint seed)
+static ulong trace_beam(const Scene *scene, const Beam *b, uint seed)
 {
     ulong hits = 0ul;
-    for (uint i = 0; i < b->count; ++i) {
-        float3 q = (float3)(((float *)b->qx)[i], ((float *)b->qy)[i], ((float *)b->qz)[i]);
+    for (ulong rays = b->rays; rays; rays &= rays - 1ul) {
+        uint i = lowest_bit64(rays);
+        float3 q = origin_of(b, i);
         float t_max = INFINITY;
         uint triangle;
         if (trace_ray(scene, b->base, q, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed)))
@@ -186,32 +198,55 @@ static ulong trace_beam(const Scene *scene, Beam *b, uint seed)
     return hits;
 }
 #else
-// The rays of a beam that hit anything.
-__attribute__((noinline)) static ulong trace_beam(const Scene *scene, Beam *b, uint seed)
+// Narrows the rays' way to what lies between two planes across an axis.
+static void narrow(float lower, float upper, float16 q, float inverse, float16 *enter, float16 *leave)
 {
-    for (uint i = b->count; i % 8u; ++i)
-        set_origin(b, i, (float3)(((float *)b->qx)[b->count - 1u], ((float *)b->qy)[b->count - 1u], ((float *)b->qz)[b->count - 1u]));
+    float16 a = (lower - q) * inverse, b = (upper - q) * inverse;
+    *enter = max(*enter, min(a, b));
+    *leave = min(*leave, max(a, b));
+}
+
+// Whether a ray that is still lit enters a box.
+static bool enters(const Beam *b, const float8 planes[6], uint lane, ulong lit)
+{
+    const float *bounds = (const float *)planes + lane;
+    for (uint y = 0; y < BEAM_ROWS; ++y) {
+        ulong row_lit = lit >> (16u * y) & 0xfffful;
+        if (!row_lit)
+            continue;
+        float16 enter = 0.0f, leave = INFINITY;
+        narrow(bounds[0], bounds[8], b->q.x[y], b->inverse.x, &enter, &leave);
+        narrow(bounds[16], bounds[24], b->q.y[y], b->inverse.y, &enter, &leave);
+        narrow(bounds[32], bounds[40], b->q.z[y], b->inverse.z, &enter, &leave);
+        if (lanes_of16(enter <= leave * SLAB_WIDENING) & row_lit)
+            return true;
+    }
+    return false;
+}
+
+// The rays of a beam that hit anything.
+__attribute__((noinline)) static ulong trace_beam(const Scene *scene, const Beam *b, uint seed)
+{
     uint stack[STACK_SIZE];
     uint depth = 1;
     stack[0] = 0u;
-    ulong lit = b->count == 64u ? ~0ul : (1ul << b->count) - 1ul, hits = 0ul;
+    ulong lit = b->rays;
     while (depth && lit) {
         uint link = stack[--depth];
         if (link & LEAF) {
-            ulong met = meet_leaf_with_beam(scene, b, link & 0x0fffffffu, (link >> 28 & 7u) + 1u, lit, seed);
-            hits |= met;
-            lit &= ~met;
+            lit &= ~meet_leaf_with_beam(scene, b, link & 0x0fffffffu, (link >> 28 & 7u) + 1u, lit, seed);
             continue;
         }
         __global const WideNode *node = scene->nodes + link;
-        ulong left = as_ulong(convert_char8(boxes_in_beam(b, node)));
+        float8 planes[6];
+        box_planes(node, b->base, 0.0f, planes);
+        ulong left = as_ulong(convert_char8(boxes_in_beam(b, planes)));
         while (left) {
-            uint child = lowest_lane(left);
-            left &= ~(0xfful << (8u * child));
-            if (node->children[child] != EMPTY)
+            uint child = take_lane(&left);
+            if (node->children[child] != EMPTY && enters(b, planes, child, lit))
                 stack[depth++] = node->children[child];
         }
     }
-    return hits;
+    return b->rays & ~lit;
 }
 #endif

@@ -85,6 +85,26 @@ static ulong lanes_of(int8 holds)
     return (as_ulong(convert_char8(holds)) & 0x8040201008040201ul) * 0x0101010101010101ul >> 56;
 }
 
+static ulong lanes_of16(int16 holds)
+{
+    ulong2 bits = (as_ulong2(convert_char16(holds)) & 0x8040201008040201ul) * 0x0101010101010101ul >> 56;
+    return bits.x | bits.y << 8;
+}
+
+// The other way round: lanes whose bits are set.
+static int16 lanes_of_bits(ulong bits)
+{
+    return ((int16)(int)(bits & 0xfffful) & (int16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)) != 0;
+}
+
+static float least_of(float16 v)
+{
+    float8 eight = min(v.lo, v.hi);
+    float4 four = min(eight.lo, eight.hi);
+    float2 two = min(four.lo, four.hi);
+    return min(two.x, two.y);
+}
+
 static uint snorm16(float v) { return (uint)(int)floor(clamp(v, -1.0f, 1.0f) * 32767.0f + 0.5f) & 0xffffu; }
 
 static uint pack_normal(float3 n)
