@@ -6,7 +6,7 @@ pub mod preset;
 
 use std::path::{Path, PathBuf};
 
-pub use budget::{BudgetConfig, OperatingPoint, TargetMs};
+pub use budget::{BudgetConfig, OperatingPoint, TRADED, TargetMs};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
@@ -490,6 +490,20 @@ impl Layers {
         parts.try_fold(first, |inner, part| inner.map(|v| v.get(part))).flatten().is_some()
     }
 
+    /// Has frames keep up with a display, where nothing else was said: no time to hold, and none of the settings
+    /// that would be moved for it ([`TRADED`]). Where one of those was given, they stay, and its key is answered.
+    pub fn keep_up(&mut self) -> Option<&'static str> {
+        if self.gives("budget.target_ms") {
+            return None;
+        }
+        let fixed = TRADED.into_iter().find(|key| self.gives(key));
+        if fixed.is_none() {
+            let budget = Table::from_iter([("target_ms".to_string(), "display".into())]);
+            overlay(&mut self.table, Table::from_iter([("budget".to_string(), budget.into())]));
+        }
+        fixed
+    }
+
     /// The typed, validated configuration. The default number of samples stands for as many as there are
     /// pixels where these are fewer; one that was given does not.
     ///
@@ -705,6 +719,55 @@ mod tests {
         layers.finish().unwrap();
         layers.assign("view.stereo=per-eye").unwrap();
         assert!(layers.finish().unwrap_err().to_string().contains("3072 pixels of each eye"));
+    }
+
+    #[test]
+    fn fronts_give_what_is_traded_and_nothing_else() {
+        let point = OperatingPoint {
+            frame_ms: 1.0,
+            score: 1.0,
+            samples: 0.5,
+            rays: 3,
+            bounces: 3,
+            edge_rays: 3,
+            method: Method::KNearest,
+            k: 3,
+            weights: WeightsConfig::Inverse,
+            law: Law::Uniform,
+        };
+        let tables = [Config::default(), point.applied_to(&Config::default())];
+        let [before, after] = tables.map(|config| Table::try_from(config).unwrap());
+        for (section, values) in &before {
+            for (key, value) in values.as_table().unwrap() {
+                let name = format!("{section}.{key}");
+                assert_eq!(*value != after[section][key], TRADED.contains(&name.as_str()), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn frames_keep_up_with_a_display_unless_settings_say_otherwise() {
+        let mut none = Config::default();
+        none.budget.target_ms = TargetMs::None;
+        let keeping_up = |assignments: &[&str]| {
+            let mut layers = Layers::over(none.clone());
+            assignments.iter().for_each(|assignment| layers.assign(assignment).unwrap());
+            let fixed = layers.keep_up();
+            (layers.finish().unwrap().budget.target_ms, fixed)
+        };
+        assert_eq!(keeping_up(&[]), (TargetMs::Display, None));
+        assert_eq!(keeping_up(&["trace.seed=3", "view.width=640"]), (TargetMs::Display, None));
+        assert_eq!(keeping_up(&["budget.target_score=7"]), (TargetMs::Display, None));
+        assert_eq!(keeping_up(&["trace.rays=32"]), (TargetMs::None, Some("trace.rays")));
+        assert_eq!(keeping_up(&["foveation.law=uniform"]), (TargetMs::None, Some("foveation.law")));
+        assert_eq!(keeping_up(&["foveation.law.exponent=-1"]), (TargetMs::None, Some("foveation.law")));
+        assert_eq!(keeping_up(&["trace.rays=32", "budget.target_ms=20"]), (TargetMs::Ms(20.0), None));
+        assert_eq!(keeping_up(&["budget.target_ms=none"]), (TargetMs::None, None));
+        for name in preset::names() {
+            let mut layers = Layers::over(none.clone());
+            layers.preset(name).unwrap();
+            assert_eq!(layers.keep_up(), Some("foveation.law"), "a preset's settings are settings");
+        }
     }
 
     #[test]

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
-use super::options::ConfigOptions;
+use super::options::{ConfigOptions, keep_up};
 use super::output;
 use super::run::{Presentation, stop_signal};
 use super::window::Show;
-use crate::config::{Config, Layers, Samples, TargetMs};
+use crate::config::{Config, Layers, Samples};
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
@@ -67,14 +67,13 @@ pub fn run(args: &Args) -> Result<()> {
     if let Samples::Count(count) = &mut defaults.foveation.samples {
         *count /= 2;
     }
-    if args.headset.is_some() {
-        // A head in a display should not wait for it.
-        defaults.budget.target_ms = TargetMs::Display;
-    }
-    let config = args.options.layers(Layers::over(defaults))?.finish()?;
+    let mut layers = args.options.layers(Layers::over(defaults))?;
+    let config = layers.finish()?;
+    let notes = keep_up(&mut layers);
+    let displayed = layers.finish()?;
     if args.window || args.headset.is_some() {
-        let scene = args.scene.as_deref();
-        let show = Show { config: &config, scene, headset: args.headset, frames: args.frames };
+        let (config, scene) = (&displayed, args.scene.as_deref());
+        let show = Show { config, notes, scene, headset: args.headset, frames: args.frames };
         return show.run(args.options.json);
     }
     if args.frames.is_some() {
@@ -82,7 +81,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     check_out(&args.out)?;
     if let Ok(runtime) = Runtime::connect(config.headset.insets) {
-        return in_headset(args, &config, runtime);
+        return in_headset(args, &displayed, &notes, runtime);
     }
     let (machine, loaded) =
         rayon::join(|| Machine::open(&config.devices), || load(args.scene.as_deref(), &config));
@@ -102,10 +101,11 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 /// The same scene in a headset, until the wearer or the operator has seen enough.
-fn in_headset(args: &Args, config: &Config, runtime: Runtime) -> Result<()> {
+fn in_headset(args: &Args, config: &Config, notes: &[String], runtime: Runtime) -> Result<()> {
     let stop = stop_signal()?;
     let loaded = load(args.scene.as_deref(), config)?;
     output::print_warnings(&loaded.warnings);
+    output::print_warnings(notes);
     let presentation = Presentation {
         config,
         loaded: &loaded,

@@ -34,8 +34,9 @@ pub struct ConfigOptions {
     preset: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
-    /// Hold this frame time: milliseconds, "display" (its period less a margin) or "none". One picture takes
-    /// the point of the front that is expected to meet it.
+    /// Hold this frame time: milliseconds, "display" (its period less a margin) or "none". Windows and headsets
+    /// hold their display's by default, unless --preset, --samples, --rays or another setting that is traded for
+    /// time is given. One picture takes the point of the front that is expected to meet it.
     #[arg(long, value_name = "MS|display|none")]
     target_ms: Option<String>,
     /// Stay at this foveated score, 0 to 10, where the frame time allows it.
@@ -141,12 +142,28 @@ impl RenderOptions {
 
     /// The same over other defaults than the usual ones.
     pub fn config_over(&self, layers: Layers) -> Result<Config> {
+        self.finished(&self.layers(layers)?)
+    }
+
+    /// The same for a display, and notes: frames keep up with it, unless settings say otherwise.
+    pub fn config_for_display(&self, layers: Layers) -> Result<(Config, Vec<String>)> {
+        let mut layers = self.layers(layers)?;
+        let notes = keep_up(&mut layers);
+        Ok((self.finished(&layers)?, notes))
+    }
+
+    /// The defaults under everything that was given.
+    fn layers(&self, layers: Layers) -> Result<Layers> {
         let mut layers = self.config.layers(layers)?;
-        let flags = self.flags()?;
-        for (flag, key, value) in &flags {
-            layers.set(key, value.clone()).map_err(|e| renamed(e, flag))?;
+        for (flag, key, value) in self.flags()? {
+            layers.set(key, value).map_err(|e| renamed(e, flag))?;
         }
-        // What is wrong is named as the operator wrote it.
+        Ok(layers)
+    }
+
+    /// What is wrong is named as the operator wrote it.
+    fn finished(&self, layers: &Layers) -> Result<Config> {
+        let flags = self.flags()?;
         layers.finish().map_err(|error| match &error {
             Error::Setting { key, .. } => match flags.iter().find(|(_, k, _)| k == key) {
                 Some((flag, ..)) => renamed(error, flag),
@@ -196,13 +213,10 @@ impl RenderOptions {
 
     /// Pixels across and down where flags or settings give them.
     pub fn given_size(&self) -> Result<[Option<u32>; 2]> {
-        let layers = self.config.layers(Layers::default())?;
-        let config = self.config()?;
-        let given = |flag: Option<u32>, key, value| (flag.is_some() || layers.gives(key)).then_some(value);
-        Ok([
-            given(self.width, "view.width", config.view.width),
-            given(self.height, "view.height", config.view.height),
-        ])
+        let layers = self.layers(Layers::default())?;
+        let view = self.finished(&layers)?.view;
+        let given = |key, value| layers.gives(key).then_some(value);
+        Ok([given("view.width", view.width), given("view.height", view.height)])
     }
 
     /// `--fov-y` in radians.
@@ -214,6 +228,17 @@ impl RenderOptions {
     pub fn gaze(&self) -> Option<DVec2> {
         self.gaze
     }
+}
+
+/// Has frames keep up with a display, unless settings say otherwise; notes, where these do not say so aloud.
+pub fn keep_up(layers: &mut Layers) -> Vec<String> {
+    let note = |key: &str| {
+        format!(
+            "{key} is given, so settings stay as they are, however long frames take; --target-ms display holds \
+             the display's period instead"
+        )
+    };
+    layers.keep_up().map(note).into_iter().collect()
 }
 
 /// The field of view of one eye of a picture.

@@ -34,13 +34,14 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let config = args.options.config_over(Layers::over(stereo_defaults()))?;
+    let (config, notes) = args.options.config_for_display(Layers::over(stereo_defaults()))?;
     let stop = stop_signal()?;
     // Whether there is a headset is known at once, and a scene may take long.
     let runtime = Runtime::connect(config.headset.insets).map_err(Fault::into_error)?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     super::render::require_triangles(&args.scene, &loaded)?;
     output::print_warnings(&loaded.warnings);
+    output::print_warnings(&notes);
     let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
     let [width, height] = args.options.given_size()?;
     let presentation = Presentation {

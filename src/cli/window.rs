@@ -14,9 +14,9 @@ use super::machine::Machine;
 use super::mock::fitted;
 use super::output::{self, RenderSummary};
 use super::tracker::memory;
-use crate::config::{Config, Stereo};
+use crate::config::{Config, Stereo, TargetMs};
 use crate::error::{Error, Result};
-use crate::frame::budget::{self, Controller};
+use crate::frame::budget::{self, Controller, Held};
 use crate::frame::{FrameReport, Output, Plan, Renderer, Step};
 use crate::headset::mock::Profile;
 use crate::headset::panel::{Moment, Panel, Shot, Wanted, Warp};
@@ -32,10 +32,18 @@ const PATIENCE: Duration = Duration::from_secs(8);
 /// Frames that the summary is made of, at most: the last ones.
 const REPORTS: usize = 10_000;
 
+/// Frames after which the desktop has told the display's period, if it ever does.
+const PERIOD_KNOWN: usize = 10;
+/// What is told where it does not.
+const NO_PERIOD: &str = "the desktop does not tell how long its display shows a picture, so no frame time is held; \
+                         give one with --target-ms";
+
 /// What is shown, and how.
 pub struct Show<'a> {
     /// Settings.
     pub config: &'a Config,
+    /// What is to be said about them.
+    pub notes: Vec<String>,
     /// A scene's file; the demo scene otherwise.
     pub scene: Option<&'a Path>,
     /// The headset whose lenses it is rendered for.
@@ -53,6 +61,8 @@ struct Summary {
     presenter: &'static str,
     shown: u64,
     tracked_frames: u64,
+    /// What the last frame was made with, where its time was held.
+    budget: Option<Held>,
 }
 
 /// Optics of a headset, or a plain window.
@@ -81,6 +91,7 @@ impl Show<'_> {
         );
         let (machine, loaded) = (machine?, loaded?);
         output::print_warnings(&loaded.warnings);
+        output::print_warnings(&self.notes);
         if let Some(tracker) = &tracker {
             await_tracker(tracker, &stop);
         }
@@ -88,7 +99,6 @@ impl Show<'_> {
         let (renderer, steps) = machine.renderer(&loaded, self.config, Output::Display)?;
         let rest = default_viewpoint(&loaded.scene, self.config.view.fov_y).world_from_eye;
         let mut session = Session::new(self.config, display, tracker, renderer, rest);
-        session.hold()?;
         // Drivers finish building kernels at their first launch: one frame that does not count.
         session.warm_up()?;
         let shown = panel.run(&machine.context, &session.wanted(self.frames), &stop, &mut |moment| {
@@ -158,6 +168,8 @@ struct Session<'a> {
     renderer: Renderer,
     /// Holds the frame time, where one is asked for.
     controller: Option<Controller>,
+    /// What it had the last frame made with.
+    held: Option<Held>,
     /// The direction ahead, about the vertical.
     heading: DQuat,
     walker: Walker,
@@ -195,6 +207,7 @@ impl<'a> Session<'a> {
             tracker,
             renderer,
             controller: None,
+            held: None,
             heading,
             facing: heading * walker.orientation(),
             walker,
@@ -224,10 +237,21 @@ impl<'a> Session<'a> {
         Wanted { title: "foveate".to_string(), size, on_headset, frames }
     }
 
-    /// Has the frame time held that the settings ask for.
-    fn hold(&mut self) -> Result<()> {
-        self.controller = budget::controller(self.config, Some(1e3 / self.profile().refresh_hz))?;
-        Ok(())
+    /// Has the next frame made so that it takes the time that it may.
+    fn hold(&mut self, moment: &Moment) -> Result<()> {
+        let period_ms = match &self.display {
+            // A window may be moved to another monitor.
+            Display::Plain(_) => moment.period_ms,
+            Display::Dk1(_, profile) => Some(1e3 / profile.refresh_hz),
+        };
+        budget::follow(&mut self.controller, self.config, period_ms)?;
+        self.controller.as_ref().map_or(Ok(()), |held| self.renderer.apply(&held.config(self.config)))
+    }
+
+    /// Whether a display's period is to be held that is not known.
+    fn is_period_missing(&self) -> bool {
+        self.config.budget.target_ms == TargetMs::Display
+            && self.held.is_none_or(|held| held.target_ms.is_none())
     }
 
     fn warm_up(&mut self) -> Result<()> {
@@ -253,15 +277,17 @@ impl<'a> Session<'a> {
         self.look(moment);
         let plan = self.plan(self.head())?;
         self.seed = self.seed.wrapping_add(1);
-        if let Some(controller) = &self.controller {
-            self.renderer.apply(&controller.config(self.config))?;
-        }
+        self.hold(moment)?;
+        self.held = self.controller.as_ref().map(Controller::held);
         let report = self.renderer.frame(&plan, &[], self.seed)?;
         if let Some(controller) = &mut self.controller {
             controller.observe(report.frame_ms, report.pattern_ms);
             output::print_warnings(&controller.take_notes());
         }
         keep(&mut self.reports, report);
+        if self.reports.len() == PERIOD_KNOWN && self.is_period_missing() {
+            output::print_warnings(&[NO_PERIOD.to_string()]);
+        }
         if moment.since_last > 0.0 {
             keep(&mut self.periods, moment.since_last);
         }
@@ -318,6 +344,7 @@ impl<'a> Session<'a> {
             presenter: if self.tracker.is_some() { "Rift DK1" } else { "window" },
             shown,
             tracked_frames: self.tracked,
+            budget: self.held,
         }))
     }
 }

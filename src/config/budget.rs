@@ -30,6 +30,18 @@ pub enum TargetMs {
     Ms(f64),
 }
 
+/// Keys of the settings that every point of a front gives: what is traded for time.
+pub const TRADED: [&str; 8] = [
+    "foveation.law",
+    "foveation.samples",
+    "trace.rays",
+    "trace.bounces",
+    "trace.edge_rays",
+    "reconstruction.method",
+    "reconstruction.k",
+    "reconstruction.weights",
+];
+
 impl Serialize for TargetMs {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {

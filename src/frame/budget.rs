@@ -260,6 +260,20 @@ impl Controller {
 const FOREIGN: &str = "the front has no points with these settings of law, bounces, edge rays and reconstruction; \
                        frames are made with those of the front (budget.front, --preset)";
 
+/// Has a controller hold what the settings ask for on a display whose period may be told late, or change; there
+/// is none as long as there is nothing to hold.
+///
+/// # Errors
+/// As [`controller`].
+pub fn follow(held: &mut Option<Controller>, config: &Config, display_period_ms: Option<f64>) -> Result<()> {
+    match (held.as_mut(), Target::of(config, display_period_ms)) {
+        (None, Some(_)) => *held = controller(config, display_period_ms)?,
+        (Some(controller), Some(target)) => controller.retarget(target),
+        _ => {}
+    }
+    Ok(())
+}
+
 /// The controller that the settings ask for, on a display of that period where there is one. Without a
 /// front of its own it moves along that of the preset "balanced".
 ///

@@ -199,6 +199,15 @@ fn the_demo_writes_all_its_files_and_tells_what_it_did() {
 }
 
 #[test]
+fn a_demo_without_a_display_has_none_to_keep_up_with() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = foveate(folder.path(), "demo --set view.width=64 --set view.height=32").succeeds();
+    let lines = frames(&folder.path().join("out/demo"));
+    assert!(lines.len() >= 2 && lines.iter().all(|line| line["budget"].is_null()), "{run:?}");
+    assert!(!run.err.contains("however long"), "{run:?}");
+}
+
+#[test]
 fn a_frame_time_is_held_along_the_front_and_the_log_tells_how() {
     let folder = folder();
     let mock =

@@ -7,7 +7,7 @@ use foveate::config::{Config, OperatingPoint};
 
 use serde_json::{Value, json};
 
-use super::{Run, run};
+use super::{Run, run, run_with};
 
 /// Writes a front of two points that says of itself how long its frames take, and the flag that uses it.
 fn front(folder: &Path, milliseconds: [f64; 2]) -> String {
@@ -69,6 +69,39 @@ fn the_display_sets_the_time_and_may_change_it() {
     let wrong = FrameRule { from: 1, to: 6, display_period: Some(5_000_000), ..FrameRule::default() };
     let told = budget(&run(&script(vec![wrong]), 12, &flags).unwrap());
     assert!((target(&told["first"]) - 4.5).abs() < 1e-9 && target(&told["last"]) == 18.0, "{told}");
-    // Without being asked to, nothing is held.
-    assert!(budget(&run(&Script::default(), 4, "").unwrap()).is_null());
+}
+
+#[test]
+fn the_display_is_kept_up_with_unless_settings_say_otherwise() {
+    let script = Script { period_ms: 20.0, ..Script::default() };
+    let folder = tempfile::tempdir().unwrap();
+    let front = front(folder.path(), [1e4, 2e4]);
+    let note = "however long frames take";
+    // Without being asked to: along the preset's front, or a measured one.
+    for front in ["", &front] {
+        let Some(usual) = run_with(&script, 6, front) else { return };
+        let told = budget(&usual);
+        assert_eq!((&told["first"]["target_ms"], &told["last"]["target_ms"]), (&json!(18.0), &json!(18.0)));
+        assert_eq!(told["first"]["position"], 0.0, "{told}");
+        assert!(!usual.said.contains(note), "{}", usual.said);
+        // A processor does not keep up: that is told once.
+        assert!(usual.said.matches("out of reach").count() <= 1, "{}", usual.said);
+    }
+    // Whoever says what frames are made with gets that, and is told.
+    for (flags, key) in [
+        ("--samples 300", "foveation.samples"),
+        ("--set trace.rays=2", "trace.rays"),
+        ("--reconstruct k-nn", "reconstruction.method"),
+        ("--preset fast", "foveation.law"),
+    ] {
+        let fixed = run_with(&script, 3, flags).unwrap();
+        assert!(budget(&fixed).is_null(), "{flags}");
+        let notes: Vec<&str> = fixed.said.lines().filter(|line| line.contains(note)).collect();
+        assert!(notes.len() == 1 && notes[0].contains(key), "{flags}: {}", fixed.said);
+    }
+    // Whoever says what to hold has the last word.
+    let unheld = run_with(&script, 3, "--target-ms none").unwrap();
+    assert!(budget(&unheld).is_null() && !unheld.said.contains(note), "{}", unheld.said);
+    let both = run_with(&script, 3, "--samples 300 --target-ms display").unwrap();
+    assert_eq!(budget(&both)["last"]["target_ms"], 18.0);
 }

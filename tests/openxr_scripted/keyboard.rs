@@ -5,13 +5,12 @@ use std::io::Write;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use fake_runtime::log::Log;
 use fake_runtime::script::{Head, Script};
 use nix::pty::{OpenptyResult, openpty};
 use nix::sys::termios::{LocalFlags, tcgetattr};
 
 use super::extras::first_eye;
-use super::{Run, command, finished, possible};
+use super::{Run, await_frames, command, ended, finished, possible};
 
 /// What is typed while frames go on.
 enum Type {
@@ -37,16 +36,7 @@ fn typed(script: &Script, more: &str, keys: &[Type]) -> Option<Run> {
     let before = tcgetattr(&slave).unwrap();
     command.stdin(Stdio::from(slave.try_clone().unwrap())).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().unwrap();
-    let start = Instant::now();
-    let frames = || {
-        let log = folder.path().join(&script.log);
-        if log.exists() { Log::read(&log).calls("xrEndFrame").len() } else { 0 }
-    };
-    while frames() < 4 {
-        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
-        assert!(start.elapsed() < Duration::from_secs(120), "it shows no frames");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    await_frames(&mut child, folder.path(), 4);
     let meanwhile = tcgetattr(&slave).unwrap().local_flags;
     assert!(
         !meanwhile.intersects(LocalFlags::ICANON | LocalFlags::ECHO) && meanwhile.contains(LocalFlags::ISIG)
@@ -64,11 +54,8 @@ fn typed(script: &Script, more: &str, keys: &[Type]) -> Option<Run> {
         }
         // Until the key counts no longer, and some frames have seen that.
         std::thread::sleep(Duration::from_millis(300));
-        let seen = frames() + 4;
-        while frames() < seen {
-            assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let seen = ended(folder.path()) + 4;
+        await_frames(&mut child, folder.path(), seen);
     }
     keyboard.write_all(ESCAPE.as_bytes()).unwrap();
     let run = finished(child.wait_with_output().unwrap(), setup.log(), folder);

@@ -15,7 +15,8 @@ mod states;
 mod views;
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
+use std::time::{Duration, Instant};
 
 use common::builder::Builder;
 use fake_runtime::Setup;
@@ -71,23 +72,52 @@ const REST: [f64; 3] = [0.0, 1.6, 0.0];
 
 /// Runs the program with few samples until it has shown some frames; nothing where it cannot be run.
 fn run(script: &Script, frames: u32, more: &str) -> Option<Run> {
+    run_with(script, frames, &format!("{FEW} {more}"))
+}
+
+/// The same with the usual settings but these.
+fn run_with(script: &Script, frames: u32, flags: &str) -> Option<Run> {
     if !possible() {
         return None;
     }
     let folder = tempfile::tempdir().unwrap();
-    let (mut command, setup) = command(folder.path(), script, frames, more);
+    let (mut command, setup) = command_with(folder.path(), script, frames, flags);
     Some(finished(command.output().unwrap(), setup.log(), folder))
 }
 
+/// Few samples: whoever gives their number does not have the display's period held.
+const FEW: &str = "--samples 300 --rays 1";
+
 /// The program in a folder with a scene and a runtime of its own, with few samples.
 fn command(folder: &Path, script: &Script, frames: u32, more: &str) -> (Command, Setup) {
+    command_with(folder, script, frames, &format!("{FEW} {more}"))
+}
+
+/// The same with the usual settings but these.
+fn command_with(folder: &Path, script: &Script, frames: u32, flags: &str) -> (Command, Setup) {
     write_scene(folder);
     let setup = Setup::new(folder, script);
     let mut command = Command::new(env!("CARGO_BIN_EXE_foveate"));
     command.current_dir(folder).args(["run", "scene.glb", "--json", "--frames", &frames.to_string()]);
-    command.args("--samples 300 --rays 1 --position 0,1.6,0 --look-at 0,1.6,-1".split(' '));
-    setup.apply(command.args(more.split_whitespace()));
+    command.args("--position 0,1.6,0 --look-at 0,1.6,-1".split(' '));
+    setup.apply(command.args(flags.split_whitespace()));
     (command, setup)
+}
+
+/// Frames that a program in a folder has ended so far.
+fn ended(folder: &Path) -> usize {
+    let log = folder.join(Script::default().log);
+    if log.exists() { Log::read(&log).calls("xrEndFrame").len() } else { 0 }
+}
+
+/// Waits until it has ended so many.
+fn await_frames(child: &mut Child, folder: &Path, count: usize) {
+    let start = Instant::now();
+    while ended(folder) < count {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        assert!(start.elapsed() < Duration::from_secs(120), "it shows no frames");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }
 
 /// What a run that has ended left behind.

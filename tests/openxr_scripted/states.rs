@@ -1,11 +1,12 @@
 //! Session states in every order that OpenXR allows.
 
 use std::collections::BTreeSet;
+use std::process::{Command, Stdio};
 
 use fake_runtime::order::State::{self, *};
-use fake_runtime::script::{Session, Step, When};
+use fake_runtime::script::{Script, Session, Step, When};
 
-use super::{run, sessions};
+use super::{await_frames, command, finished, possible, run, sessions};
 
 fn session(steps: &[(When, &[State])]) -> Session {
     let steps = steps.iter().map(|&(at, go)| Step { at, go: go.to_vec() }).collect();
@@ -57,6 +58,27 @@ fn a_runtime_that_asks_the_program_to_leave_is_obeyed() {
         let shown = run.is_clean().told()["frames"].as_u64().unwrap();
         assert_eq!(shown > 0, index == 0, "script {index}: {shown} frames");
         assert_eq!(run.log.calls("xrCreateSession").len(), 1, "script {index}");
+    }
+}
+
+#[test]
+fn ctrl_c_asks_the_runtime_to_let_the_program_leave() {
+    if !possible() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (mut command, setup) = command(folder.path(), &Script::default(), 100_000, "");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    await_frames(&mut child, folder.path(), 4);
+    assert!(setup.log().calls("xrRequestExitSession").is_empty());
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    let run = finished(child.wait_with_output().unwrap(), setup.log(), folder);
+    assert!(run.is_clean().told()["frames"].as_u64() >= Some(3));
+    // The runtime then stops the session, and takes it away.
+    for call in ["xrRequestExitSession", "xrEndSession", "xrDestroySession"] {
+        assert_eq!(run.log.calls(call).len(), 1, "{call}");
     }
 }
 

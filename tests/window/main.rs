@@ -48,12 +48,16 @@ fn bars(folder: &Path) {
 const SETTINGS: &str = "--json --set foveation.samples=full --set trace.rays=1 --set environment.exposure=-40 \
                         --set reconstruction.k=1 --set reconstruction.method=k-nn --set view.ipd=0.064";
 
+/// The program with quick and sharp pictures. Settings are given, so that no frame time is held.
 fn start(screen: &Screen, folder: &Path, arguments: &str) -> Child {
+    start_with(screen, folder, &format!("{arguments} {SETTINGS}"))
+}
+
+fn start_with(screen: &Screen, folder: &Path, arguments: &str) -> Child {
     Command::new(env!("CARGO_BIN_EXE_foveate"))
         .current_dir(folder)
         .args("demo scene.glb".split(' '))
         .args(arguments.split_whitespace())
-        .args(SETTINGS.split_whitespace())
         .env("DISPLAY", screen.name())
         .env_remove("WAYLAND_DISPLAY")
         .env("XDG_STATE_HOME", folder.join("state"))
@@ -183,8 +187,11 @@ fn a_plain_window_shows_both_eyes_side_by_side_and_ends_by_itself() {
     let Some(screen) = Screen::start() else { return };
     let folder = tempfile::tempdir().unwrap();
     bars(folder.path());
-    let mut child =
-        start(&screen, folder.path(), "--window --frames 3 --set view.width=640 --set view.height=320");
+    let mut child = start(
+        &screen,
+        folder.path(),
+        "--window --frames 3 --target-ms none --set view.width=640 --set view.height=320",
+    );
     let (summary, err) = finish(&mut child);
     assert_eq!(
         (summary["shown"].as_u64(), summary["presenter"].as_str(), err.as_str()),
@@ -200,6 +207,30 @@ fn a_plain_window_shows_both_eyes_side_by_side_and_ends_by_itself() {
         let expected = half + 160.0 + 160.0 * seen(BAR, eye)[0];
         let middle = shot.middle_of_row(160, half as usize..half as usize + 160, 1).unwrap();
         assert!((middle - expected).abs() < 0.75, "{eye:?}: {middle}, not {expected}");
+    }
+}
+
+#[test]
+fn the_displays_period_is_held_where_nothing_else_is_said() {
+    let Some(screen) = Screen::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    bars(folder.path());
+    let told = |arguments: &str| {
+        let small = "--json --set view.width=64 --set view.height=32 --set dk1.resolution=0.05";
+        finish(&mut start_with(&screen, folder.path(), &format!("{arguments} {small}")))
+    };
+    // A Rift DK1 shows 60 pictures a second.
+    let (dk1, _) = told("--headset dk1 --frames 3");
+    assert!((dk1["budget"]["target_ms"].as_f64().unwrap() - 15.0).abs() < 1e-9, "{dk1}");
+    // The period of a display in memory may be unknown: then that is said, and nothing is held.
+    let (plain, err) = told("--window --frames 12");
+    assert_eq!(plain["budget"].is_null(), err.contains("the desktop does not tell"), "{plain} {err}");
+    let (asked, err) = told("--window --frames 12 --target-ms 50");
+    assert_eq!((asked["budget"]["target_ms"].as_f64(), err.contains("does not tell")), (Some(50.0), false));
+    for (flags, note) in [("--target-ms none", false), ("--set foveation.samples=100", true)] {
+        let (fixed, err) = told(&format!("--headset dk1 --frames 3 {flags}"));
+        assert!(fixed["budget"].is_null(), "{fixed}");
+        assert_eq!(err.contains("foveation.samples is given"), note, "{err}");
     }
 }
 

@@ -14,7 +14,7 @@ use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
 use crate::config::{Config, HeadsetConfig, Method, Stereo};
 use crate::error::{Error, Result};
-use crate::frame::budget::{self, Controller, Held, Target};
+use crate::frame::budget::{self, Controller, Held};
 use crate::frame::{Loaded, Output, Plan, Renderer, Shot};
 use crate::gpu::vulkan::{self, Encoding, Rect};
 use crate::headset::openxr::{EyeView, Fault, Frame, Next, Options, Outcome, Runtime, Session};
@@ -286,12 +286,8 @@ impl Presentation<'_> {
     /// Has the next frame made so that it takes the time that it may, and tells how.
     fn hold(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<Option<Held>> {
         let period_ms = session.clock().period().map(|nanoseconds| nanoseconds as f64 * 1e-6);
-        match (&mut run.controller, Target::of(self.config, period_ms)) {
-            (None, Some(_)) => run.controller = budget::controller(self.config, period_ms)?,
-            // Runtimes may tell wrong periods at first, and displays may change theirs.
-            (Some(controller), Some(target)) => controller.retarget(target),
-            _ => {}
-        }
+        // Runtimes may tell wrong periods at first, and displays may change theirs.
+        budget::follow(&mut run.controller, self.config, period_ms)?;
         let Some(controller) = &run.controller else { return Ok(None) };
         stage.renderer.apply(&controller.config(self.config))?;
         Ok(Some(controller.held()))

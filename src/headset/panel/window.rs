@@ -35,6 +35,8 @@ pub struct Moment {
     pub recentre: bool,
     /// Pixels of the window.
     pub window: [u32; 2],
+    /// Milliseconds between two pictures of the monitor that the window is on, where the desktop tells.
+    pub period_ms: Option<f64>,
 }
 
 /// A picture, and the way to bring it to the window.
@@ -183,7 +185,8 @@ impl Shower<'_> {
         let now = Instant::now();
         let (wish, recentre) = self.keys.take();
         let since_last = self.last.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
-        let moment = Moment { now, since_last, latency: self.latency, wish, recentre, window };
+        let (latency, period_ms) = (self.latency, period_ms(&opened.window));
+        let moment = Moment { now, since_last, latency, wish, recentre, window, period_ms };
         let shot = (self.frame)(&moment)?;
         opened.window.pre_present_notify();
         let (swapchain, pass) = (&mut opened.swapchain, &mut opened.pass);
@@ -286,6 +289,12 @@ impl ApplicationHandler for Shower<'_> {
             opened.window.request_redraw();
         }
     }
+}
+
+/// Milliseconds between two pictures of the monitor that a window is on. Monitors in memory have none.
+fn period_ms(window: &Window) -> Option<f64> {
+    let millihertz = window.current_monitor()?.refresh_rate_millihertz().filter(|&rate| rate > 0)?;
+    Some(1e6 / f64::from(millihertz))
 }
 
 /// The monitor that is a headset's panel of that many pixels.
