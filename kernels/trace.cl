@@ -53,33 +53,40 @@ __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint 
         }
 }
 
-// hits[first + i] for samples first .. first + count; a work-item takes 32 of them.
-__kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count,
-                            __global HitRecord *hits)
+// A block of up to 32 samples' rays.
+static void set_samples(Block *block, const Camera *camera, __global const uint *samples, uint n)
 {
-    Scene scene = SCENE_ARGUMENTS;
-    uint begin = (uint)get_global_id(0) * 32u;
-    if (begin >= count)
-        return;
-    uint n = min(count - begin, 32u);
-    Block block;
     float16 x[2], y[2];
     float2 upper_left = INFINITY, lower_right = -INFINITY;
     for (uint i = 0; i < 32u; ++i) {
-        uint at = samples[first + begin + min(i, n - 1u)];
-        float2 point = point_of_pixel(&camera, at & 0xffffu, at >> 16);
+        uint at = samples[min(i, n - 1u)];
+        float2 point = point_of_pixel(camera, at & 0xffffu, at >> 16);
         ((float *)x)[i] = point.x;
         ((float *)y)[i] = point.y;
         upper_left = min(upper_left, point);
         lower_right = max(lower_right, point);
     }
-    bound_rays(&block, &camera, upper_left, lower_right, 2u);
+    bound_rays(block, camera, upper_left, lower_right, 2u);
     for (uint i = 0; i < 2u; ++i)
-        rays_through(&camera, x[i], y[i], &block.dx[i], &block.dy[i], &block.dz[i]);
-    trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, camera.seed);
-    for (uint i = 0; i < n; ++i) {
-        HitRecord hit = {((uint *)block.triangle)[i], ((float *)block.t_max)[i]};
-        hits[first + begin + i] = hit;
+        rays_through(camera, x[i], y[i], &block->dx[i], &block->dy[i], &block->dz[i]);
+}
+
+// hits[first + i] for samples first .. first + count; a work-item takes blocks of 32 of them.
+__kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count,
+                            __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint2 range = share_of_item((count + 31u) / 32u);
+    Block blocks[BLOCKS];
+    for (uint k = range.x; k < range.y; ++k)
+        set_samples(&blocks[k - range.x], &camera, samples + first + 32u * k, min(count - 32u * k, 32u));
+    trace_blocks(&scene, load3(camera.origin), load3(camera.origin_low), blocks, range.y - range.x, camera.seed);
+    for (uint k = range.x; k < range.y; ++k) {
+        const Block *block = &blocks[k - range.x];
+        for (uint i = 0; i < min(count - 32u * k, 32u); ++i) {
+            HitRecord hit = {((const uint *)block->triangle)[i], ((const float *)block->t_max)[i]};
+            hits[first + 32u * k + i] = hit;
+        }
     }
 }
 #endif

@@ -7,6 +7,8 @@
 
 #define BLOCK 8u
 #define ROW_PAIRS 4u
+// Blocks of samples that share a work-item.
+#define BLOCKS 4u
 
 // By how much the planes stand off the pixels: in pixels, and relative to the direction's length.
 // Both are many times the rounding of directions, normals and box tests.
@@ -248,53 +250,106 @@ static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b,
     }
 }
 #else
+// How far the walk of a block has come: nodes and leaves that wait, and where the first ray enters them.
+typedef struct {
+    Inverses inverse;
+    uint links[STACK_SIZE];
+    float entries[STACK_SIZE];
+    uint depth;
+    // The farthest that any ray still has to look.
+    float far;
+    // What is visited next.
+    uint link;
+} BlockWalk;
+
+static void begin_walk(const Block *b, BlockWalk *w)
+{
+    invert_directions(b, &w->inverse);
+    w->depth = 0;
+    w->far = INFINITY;
+    w->link = 0u;
+}
+
+// Takes the next entry that rays still reach; false where there is none.
+static bool take_entry(BlockWalk *w)
+{
+    while (w->depth) {
+        --w->depth;
+        w->link = w->links[w->depth];
+        if (!(w->entries[w->depth] > w->far * SLAB_WIDENING))
+            return true;
+    }
+    return false;
+}
+
+static void visit_entry(const Scene *scene, float3 origin, float3 low, Block *b, BlockWalk *w, uint seed)
+{
+    uint link = w->link;
+    if (link & LEAF) {
+        uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
+        Leaf leaf;
+        load_leaf(scene->leaves + 9u * first, n, origin, low, &leaf);
+        meet_leaf_with_block(scene, &leaf, first, n, b, seed);
+        w->far = farthest(b);
+        return;
+    }
+    __global const WideNode *node = scene->nodes + link;
+    float8 planes[6];
+    box_planes(node, origin, low, planes);
+    float8 within = min(min(along(&b->sides[0], planes), along(&b->sides[1], planes)),
+                        min(along(&b->sides[2], planes), along(&b->sides[3], planes)));
+    ulong left = as_ulong(convert_char8(within >= 0.0f));
+    uint base = w->depth, depth = base;
+    while (left) {
+        uint child = take_lane(&left);
+        if (node->children[child] == EMPTY)
+            continue;
+        float at = entry_of_rays(b, &w->inverse, planes, child);
+        if (isinf(at))
+            continue;
+        // The nearest child goes to the top of the stack.
+        uint place = depth++;
+        for (; place > base && at > w->entries[place - 1u]; --place) {
+            w->links[place] = w->links[place - 1u];
+            w->entries[place] = w->entries[place - 1u];
+        }
+        w->links[place] = node->children[child];
+        w->entries[place] = at;
+        prefetch_link(scene, node->children[child]);
+    }
+    w->depth = depth;
+}
+
 // Finds the nearest hits of a block's rays.
 __attribute__((noinline)) static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
 {
-    Inverses inverse;
-    invert_directions(b, &inverse);
-    // Nodes and leaves, and where the first ray enters them.
-    uint links[STACK_SIZE];
-    float entries[STACK_SIZE];
-    uint depth = 1;
-    float far = INFINITY;
-    links[0] = 0u;
-    entries[0] = 0.0f;
-    while (depth) {
-        uint link = links[--depth];
-        if (entries[depth] > far * SLAB_WIDENING)
-            continue;
-        if (link & LEAF) {
-            uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
-            Leaf leaf;
-            load_leaf(scene->leaves + 9u * first, n, origin, low, &leaf);
-            meet_leaf_with_block(scene, &leaf, first, n, b, seed);
-            far = farthest(b);
-            continue;
-        }
-        __global const WideNode *node = scene->nodes + link;
-        float8 planes[6];
-        box_planes(node, origin, low, planes);
-        float8 within = min(min(along(&b->sides[0], planes), along(&b->sides[1], planes)),
-                            min(along(&b->sides[2], planes), along(&b->sides[3], planes)));
-        ulong left = as_ulong(convert_char8(within >= 0.0f));
-        uint base = depth;
-        while (left) {
-            uint child = take_lane(&left);
-            if (node->children[child] == EMPTY)
-                continue;
-            float at = entry_of_rays(b, &inverse, planes, child);
-            if (isinf(at))
-                continue;
-            // The nearest child goes to the top of the stack.
-            uint place = depth++;
-            for (; place > base && at > entries[place - 1u]; --place) {
-                links[place] = links[place - 1u];
-                entries[place] = entries[place - 1u];
+    BlockWalk w;
+    begin_walk(b, &w);
+    do
+        visit_entry(scene, origin, low, b, &w, seed);
+    while (take_entry(&w));
+}
+
+// The same for several blocks, which take turns as streams do in `hide_streams`.
+__attribute__((noinline)) static void trace_blocks(const Scene *scene, float3 origin, float3 low, Block *blocks, uint count, uint seed)
+{
+    BlockWalk walks[BLOCKS];
+    for (uint k = 0; k < count; ++k)
+        begin_walk(&blocks[k], &walks[k]);
+    // Bit k: whether block k has something left to visit, and whether it has not yet taken what comes next.
+    uint alive = (1u << count) - 1u, visited = 0;
+    while (alive) {
+        for (uint turn = 0; turn < BLOCKS; ++turn) {
+            uint other = (turn + BLOCKS / 2u) % BLOCKS;
+            if (visited >> other & 1u) {
+                if (!take_entry(&walks[other]))
+                    alive &= ~(1u << other);
+                visited &= ~(1u << other);
             }
-            links[place] = node->children[child];
-            entries[place] = at;
-            prefetch_link(scene, node->children[child]);
+            if (!(alive >> turn & 1u))
+                continue;
+            visit_entry(scene, origin, low, &blocks[turn], &walks[turn], seed);
+            visited |= 1u << turn;
         }
     }
 }

@@ -51,3 +51,11 @@ static void triangle_corners(const Scene *scene, uint place, uint packed, float3
     for (int corner = 0; corner < 3; ++corner)
         v[corner] = (float3)(leaf[3 * corner * n], leaf[(3 * corner + 1) * n], leaf[(3 * corner + 2) * n]);
 }
+
+// The range of `count` things that the work-items share which is this one's. Their number says how many that is at
+// most: `Walk::items_of_streams`.
+static uint2 share_of_item(uint count)
+{
+    ulong item = get_global_id(0), items = get_global_size(0);
+    return (uint2)((uint)(item * count / items), (uint)((item + 1ul) * count / items));
+}

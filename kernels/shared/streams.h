@@ -28,14 +28,6 @@ typedef struct {
 #endif
 } Walker;
 
-// The range of `count` things that the work-items share which is this one's: at most STREAMS things, since there are
-// enough items.
-static uint2 share_of_item(uint count)
-{
-    ulong item = get_global_id(0), items = get_global_size(0);
-    return (uint2)((uint)(item * count / items), (uint)((item + 1ul) * count / items));
-}
-
 #if SINGLE_RAYS
 static void hide_streams(const Scene *scene, Walker *walkers, uint count)
 {
@@ -95,6 +87,7 @@ static void visit_node(const Scene *scene, Walker *w)
 // Finds the rays of each walker that hit something.
 __attribute__((noinline)) static void hide_streams(const Scene *scene, Walker *walkers, uint count)
 {
+    // Bit k: whether walker k has something left to visit, and whether it has not yet taken what comes next.
     uint alive = 0, visited = 0;
     for (uint k = 0; k < count; ++k) {
         Walker *w = &walkers[k];

@@ -236,7 +236,8 @@ impl Probe {
                     Arg::U32(count),
                     Arg::buffer(&self.sample_hits),
                 ]);
-                self.samples.launch(&args, self.walk.items_of_samples(self.sample_count), group)
+                let items = self.walk.items_of_samples(self.sample_count, &self.device);
+                self.samples.launch(&args, items, self.walk.group_of_streams())
             }
             RayKind::Occlusion => {
                 args.extend(self.bundle_args());

@@ -475,8 +475,9 @@ impl Tracer {
             Arg::U32(part.samples.len() as u32),
             Arg::buffer(&self.hits),
         ]);
-        let items = self.walks.pixels.items_of_samples(part.samples.len());
-        self.trace_samples.launch(&args, items, self.walks.pixels.group())
+        let walk = self.walks.pixels;
+        let items = walk.items_of_samples(part.samples.len(), &self.device);
+        self.trace_samples.launch(&args, items, walk.group_of_streams())
     }
 
     fn shade(

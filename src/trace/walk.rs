@@ -68,9 +68,9 @@ impl Walk {
     }
 
     /// Work-items that trace samples' camera rays.
-    pub(super) fn items_of_samples(self, samples: usize) -> usize {
+    pub(super) fn items_of_samples(self, samples: usize, device: &Device) -> usize {
         match self {
-            Walk::Together => samples.div_ceil(32),
+            Walk::Together => shares(samples.div_ceil(32), BLOCKS, device),
             Walk::Alone => samples,
         }
     }
@@ -83,19 +83,15 @@ impl Walk {
         }
     }
 
-    /// Work-items that share streams of rays, from bundles or samples: they take `STREAMS` of
-    /// `kernels/shared/streams.h` each, or fewer where some of the device's units would have nothing to do.
+    /// Work-items that share streams of rays that ask whether anything is hit, of bundles or samples.
     pub(super) fn items_of_streams(self, streams: usize, device: &Device) -> usize {
         match self {
-            Walk::Together => {
-                let busy = 8 * device.info().compute_units as usize;
-                streams.div_ceil(STREAMS).max(busy).min(streams)
-            }
+            Walk::Together => shares(streams, STREAMS, device),
             Walk::Alone => streams,
         }
     }
 
-    /// Work-items in a group of those.
+    /// Work-items in a group of those that share streams or blocks of samples.
     pub(super) fn group_of_streams(self) -> usize {
         match self {
             Walk::Together => 1,
@@ -104,16 +100,27 @@ impl Walk {
     }
 }
 
-/// Streams of a work-item: that of `kernels/shared/streams.h`.
+/// Streams, and blocks of 32 camera rays, that take turns in a work-item at most: as `kernels/shared/streams.h` and
+/// `kernels/shared/frustum.h` say.
 const STREAMS: usize = 16;
+const BLOCKS: usize = 4;
+
+/// Work-items that share so many things, each at most so many: more where some of the device's units would else have
+/// nothing to do.
+fn shares(count: usize, most: usize, device: &Device) -> usize {
+    let busy = 8 * device.info().compute_units as usize;
+    count.div_ceil(most).max(busy.min(count))
+}
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn kernels_have_as_many_streams() {
-        let text = include_str!("../../kernels/shared/streams.h");
-        assert!(text.contains(&format!("#define STREAMS {STREAMS}u")));
+    fn kernels_take_as_many() {
+        let (streams, blocks) =
+            (include_str!("../../kernels/shared/streams.h"), include_str!("../../kernels/shared/frustum.h"));
+        assert!(streams.contains(&format!("#define STREAMS {STREAMS}u")));
+        assert!(blocks.contains(&format!("#define BLOCKS {BLOCKS}u")));
     }
 }

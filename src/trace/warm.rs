@@ -127,7 +127,7 @@ impl Idle {
                 ]),
             }
             let group = match *name {
-                "shade_samples" => self.walk.group_of_streams(),
+                "shade_samples" | "trace_samples" => self.walk.group_of_streams(),
                 _ => self.walk.group(),
             };
             kernel.launch(&args, 1, group)?;
