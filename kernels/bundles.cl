@@ -33,20 +33,23 @@ __kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __gl
     hits[i] = hit;
 }
 #else
+static void send_bundle(Walker *w, __global const float *origins, __global const float *directions, uint i)
+{
+    for (uint k = 0; k < 32u; ++k)
+        set_ray(&w->rays, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
+    w->origin = gload3(origins + 3u * i);
+    w->mask = 0xffffffffu;
+    w->seed = 0;
+}
+
 __kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global uint *hidden)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint2 range = share_of_item(count);
     Walker walkers[STREAMS];
-    for (uint i = range.x; i < range.y; ++i) {
-        Walker *w = &walkers[i - range.x];
-        for (uint k = 0; k < 32u; ++k)
-            set_ray(&w->rays, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
-        w->origin = gload3(origins + 3u * i);
-        w->mask = 0xffffffffu;
-        w->seed = 0;
-    }
+    for (uint i = range.x; i < range.y; ++i)
+        send_bundle(&walkers[i - range.x], origins, directions, i);
     hide_streams(&scene, walkers, range.y - range.x);
     for (uint i = range.x; i < range.y; ++i)
         hidden[i] = walkers[i - range.x].hits;
@@ -57,16 +60,16 @@ __kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __gl
                            __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint i = (uint)get_global_id(0);
-    if (i >= count)
-        return;
-    Stream s;
-    for (uint k = 0; k < 32u; ++k)
-        set_ray(&s, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
-    trace_stream(&scene, gload3(origins + 3u * i), 0.0f, &s, 0xffffffffu, CLOSEST_FRONT, 0u);
-    for (uint k = 0; k < 32u; ++k) {
-        HitRecord hit = {s.triangle[k], s.t_max[k]};
-        hits[32u * i + k] = hit;
-    }
+    uint2 range = share_of_item(count);
+    Walker walkers[STREAMS];
+    for (uint i = range.x; i < range.y; ++i)
+        send_bundle(&walkers[i - range.x], origins, directions, i);
+    find_streams(&scene, walkers, range.y - range.x);
+    for (uint i = range.x; i < range.y; ++i)
+        for (uint k = 0; k < 32u; ++k) {
+            const Stream *rays = &walkers[i - range.x].rays;
+            HitRecord hit = {rays->triangle[k], rays->t_max[k]};
+            hits[32u * i + k] = hit;
+        }
 }
 #endif

@@ -15,10 +15,11 @@ typedef struct {
     float depth;
     uint normal;
     Reflection sum;
-    // Of the light rays under way: what their light counts, and for those that look for a surface by how much more.
+    // Of the light rays under way: what their light counts, and for those that look for a surface by how much more;
+    // which of them look for any surface and which for the nearest; which met one, and which are lost to it.
     Reflection weights[32];
     float indirect[32];
-    uint straight, bounced;
+    uint straight, bounced, hits, lost;
 } Sample;
 
 // Seed of what is left to chance on a sample's rays: two samples may send rays in one direction.
@@ -59,23 +60,38 @@ static void aim_stream(const Scene *scene, const Shading *shading, Sample *sampl
     w->mask = sample->straight;
 }
 
-// Adds the light of a stream whose straight rays are traced. With bounces, reflected rays look for the nearest surface
-// instead of any, and go on from there. What surfaces send is found by these alone, so it counts by their density, and
-// distant light by that of all rays.
+// Traces the streams that were aimed. With bounces, reflected rays look for the nearest surface instead of any.
+static void trace_streams(const Scene *scene, const Shading *shading, Sample *samples, Walker *walkers, uint n)
+{
+    hide_streams(scene, walkers, n);
+    for (uint k = 0; k < n; ++k) {
+        samples[k].lost = walkers[k].hits;
+        samples[k].hits = 0;
+        walkers[k].mask = samples[k].bounced;
+    }
+    if (shading->bounces == 0u)
+        return;
+    find_streams(scene, walkers, n);
+    for (uint k = 0; k < n; ++k) {
+        samples[k].hits = walkers[k].hits;
+        // What passes behind a single-sided surface is still kept from the sky by it.
+        walkers[k].mask = samples[k].bounced & ~walkers[k].hits;
+    }
+    hide_streams(scene, walkers, n);
+    for (uint k = 0; k < n; ++k)
+        samples[k].lost |= walkers[k].hits;
+}
+
+// Adds the light of a stream that is traced. Rays with a hit go on from there. What surfaces send is found by reflected
+// rays alone, so it counts by their density, and distant light by that of all rays.
 static uint add_stream(const Scene *scene, const Shading *shading, Sample *sample, uint first_ray, uint seed, Walker *w)
 {
-    uint straight = sample->straight, bounced = sample->bounced, lost = straight & w->hits;
-    uint hits = bounced ? trace_stream(scene, w->origin, 0.0f, &w->rays, bounced, CLOSEST_FRONT, w->seed) : 0u;
-    uint rays = popcount(straight | bounced);
-    // What passes behind a single-sided surface is still kept from the sky by it.
-    uint escaped = bounced & ~hits;
-    if (escaped)
-        lost |= trace_stream(scene, w->origin, 0.0f, &w->rays, escaped, ANY, w->seed);
-    for (uint left = (straight | bounced) & ~lost; left; left &= left - 1u) {
+    uint all = sample->straight | sample->bounced, rays = popcount(all);
+    for (uint left = all & ~sample->lost; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
         float3 light;
-        if (hits >> i & 1u)
+        if (sample->hits >> i & 1u)
             light = follow_path(scene, shading, w->origin, d, w->rays.triangle[i], w->rays.t_max[i], shading->bounces,
                                 hash(sample->index * 32u + i + hash(seed + first_ray)), &rays) * sample->indirect[i];
         else
@@ -110,6 +126,8 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     float3 d = camera_ray(camera, at & 0xffffu, at >> 16);
     sample->index = index;
     sample->lit = false;
+    sample->straight = 0;
+    sample->bounced = 0;
     sample->radiance = 0.0f;
     sample->sum.diffuse = 0.0f;
     sample->sum.specular = 0.0f;
@@ -199,7 +217,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
                 aim_stream(&scene, &shading, &mine[k], ray, camera.seed, &walkers[k]);
-        hide_streams(&scene, walkers, n);
+        trace_streams(&scene, &shading, mine, walkers, n);
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
                 rays += add_stream(&scene, &shading, &mine[k], ray, camera.seed, &walkers[k]);

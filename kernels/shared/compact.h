@@ -121,16 +121,4 @@ __attribute__((noinline)) static bool trace_ray(const Scene *scene, float3 origi
         link = stack[depth].x;
     }
 }
-
-// The rays of a stream, one after the other.
-__attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 origin, float3 low, Stream *s, uint mask, uint kind, uint seed)
-{
-    uint hits = 0;
-    for (; mask; mask &= mask - 1u) {
-        uint i = lowest_bit(mask);
-        if (trace_ray(scene, origin, low, (float3)(s->dx[i], s->dy[i], s->dz[i]), &s->t_max[i], &s->triangle[i], kind, seed))
-            hits |= 1u << i;
-    }
-    return hits;
-}
 #endif

@@ -115,10 +115,9 @@ static uint add_punctual(const Scene *scene, const Shading *shading, const Surfa
         Reflection r = reflection(s, f0, view, direction);
         if (!(max3(light) > 0.0f) || dot3(s->geometric, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
             continue;
-        Stream one;
-        set_ray(&one, 0, direction, distance);
+        uint triangle;
         ++rays;
-        if (trace_stream(scene, origin, 0.0f, &one, 1u, ANY, seed))
+        if (trace_ray(scene, origin, 0.0f, direction, &distance, &triangle, ANY, seed))
             continue;
         sum->diffuse += r.diffuse * light;
         sum->specular += r.specular * light;
@@ -155,12 +154,11 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
         if (!(density > 0.0f) || dot3(s.geometric, light) <= 0.0f)
             return sum;
         float3 weight = (base * r.diffuse + specular_scale(f0) * r.specular) / density;
-        Stream one;
-        set_ray(&one, 0, light, INFINITY);
         ++*rays;
-        if (!trace_stream(scene, origin, 0.0f, &one, 1u, CLOSEST_FRONT, seed)) {
+        t = INFINITY;
+        if (!trace_ray(scene, origin, 0.0f, light, &t, &place, CLOSEST_FRONT, seed)) {
             // What passes behind a single-sided surface is still kept from the sky by it.
-            if (!trace_stream(scene, origin, 0.0f, &one, 1u, ANY, seed))
+            if (!trace_ray(scene, origin, 0.0f, light, &t, &place, ANY, seed))
                 sum += throughput * weight * distant_light(scene, shading, light, s.occlusion, true);
             return sum;
         }
@@ -169,8 +167,6 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
             return sum;
         throughput *= weight;
         d = light;
-        place = one.triangle[0];
-        t = one.t_max[0];
         seed = hash(seed ^ 0x9e3779b9u);
     }
 }

@@ -1,4 +1,4 @@
-// Several streams in turns, for rays that ask whether anything is hit.
+// Several streams in turns.
 //
 // What a stream visits next is known only when its last node is loaded and tested: by itself it waits most of the
 // time, for memory and for branches that nobody can predict. Here a work-item has several streams. Each visits an
@@ -16,12 +16,13 @@
 typedef struct {
     Stream rays;
     float3 origin;
-    uint mask; // the rays that ask
+    uint mask; // the rays that are asked about
     uint seed;
     uint hits; // those that hit something
 #if !SINGLE_RAYS
-    // What waits: nodes and leaves, and the rays that reach each of them.
+    // What waits: nodes and leaves, the rays that reach each of them, and where the first of these does.
     uint links[STACK_SIZE], masks[STACK_SIZE];
+    float entries[STACK_SIZE];
     uint depth;
     // What is visited next.
     uint link, active;
@@ -29,31 +30,65 @@ typedef struct {
 } Walker;
 
 #if SINGLE_RAYS
-static void hide_streams(const Scene *scene, Walker *walkers, uint count)
+static void walk_streams(const Scene *scene, Walker *walkers, uint count, uint kind)
 {
     for (uint k = 0; k < count; ++k) {
         Walker *w = &walkers[k];
-        w->hits = w->mask ? trace_stream(scene, w->origin, 0.0f, &w->rays, w->mask, ANY, w->seed) : 0u;
+        w->hits = 0;
+        for (uint left = w->mask; left; left &= left - 1u) {
+            uint i = lowest_bit(left);
+            float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
+            if (trace_ray(scene, w->origin, 0.0f, d, &w->rays.t_max[i], &w->rays.triangle[i], kind, w->seed))
+                w->hits |= 1u << i;
+        }
     }
 }
 #else
-// Pushes the children that rays have met: the vectors of links and masks are moved together by a table and stored
-// whole.
-static uint push_met(Walker *w, uint depth, __global const WideNode *node, int8 met)
+// The lane of the least value, as a bit; of several the lowest.
+static uint least_lane(float8 values)
 {
-    uint lanes = bits_of_lanes(met != 0);
-    uint8 order = convert_uint8(as_uchar8(LANES_OF_BITS[lanes]));
-    vstore8(permuted8(vload8(0, node->children), order), 0, w->links + depth);
-    vstore8(permuted8(as_uint8(met), order), 0, w->masks + depth);
-    return depth + popcount(lanes);
+    float8 least = min(values, values.s10325476);
+    least = min(least, least.s23016745);
+    least = min(least, least.s45670123);
+    uint all = bits_of_lanes(values == least);
+    return all & (0u - all);
 }
 
-// Takes the next entry that matters to rays without a hit, and asks for its memory; false where there is none.
-static bool take_next(const Scene *scene, Walker *w)
+// Pushes the children that rays have met, where nearest hits are asked for with the one on top that the first ray
+// enters first. Vectors are moved together by a table and stored whole.
+static void push_met(Walker *w, __global const WideNode *node, int8 met, float8 entry, uint kind)
+{
+    uint lanes = bits_of_lanes(met != 0), count = popcount(lanes), depth = w->depth;
+    ulong places = LANES_OF_BITS[lanes];
+    if (kind != ANY) {
+        // Where no ray comes, `entry` is infinite.
+        uint nearest = least_lane(entry) & lanes;
+        places = LANES_OF_BITS[lanes & ~nearest] | LANES_OF_BITS[nearest] << 8u * (max(count, 1u) - 1u);
+    }
+    uint8 order = convert_uint8(as_uchar8(places));
+    vstore8(permuted8(vload8(0, node->children), order), 0, w->links + depth);
+    vstore8(permuted8(as_uint8(met), order), 0, w->masks + depth);
+    if (kind != ANY)
+        vstore8(as_float8(permuted8(as_uint8(entry), order)), 0, w->entries + depth);
+    w->depth = depth + count;
+}
+
+// The rays that an entry still matters to: those without a hit, or a lone one that has no hit before it.
+static uint rays_left(const Walker *w, uint place, uint kind)
+{
+    uint rays = w->masks[place];
+    if (kind == ANY)
+        return rays & ~w->hits;
+    bool is_behind = !(rays & (rays - 1u)) && w->entries[place] > w->rays.t_max[lowest_bit(rays)] * SLAB_WIDENING;
+    return is_behind ? 0u : rays;
+}
+
+// Takes the next entry, and asks for its memory; false where there is none.
+static bool take_next(const Scene *scene, Walker *w, uint kind)
 {
     uint depth = w->depth, active = 0;
     while (depth && !active)
-        active = w->masks[--depth] & ~w->hits;
+        active = rays_left(w, --depth, kind);
     w->depth = depth;
     w->link = w->links[depth];
     w->active = active;
@@ -61,7 +96,7 @@ static bool take_next(const Scene *scene, Walker *w)
     return active != 0;
 }
 
-static void visit_leaf(const Scene *scene, Walker *w)
+static void visit_leaf(const Scene *scene, Walker *w, uint kind)
 {
     uint first = w->link & 0x0fffffffu, n = (w->link >> 28 & 7u) + 1u, hits = 0;
     Leaf leaf;
@@ -70,22 +105,21 @@ static void visit_leaf(const Scene *scene, Walker *w)
     for (uint left = w->active; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
-        if (meet_leaf(scene, &leaf, first, n, d, &w->rays.t_max[i], &w->rays.triangle[i], ANY, w->seed))
+        if (meet_leaf(scene, &leaf, first, n, d, &w->rays.t_max[i], &w->rays.triangle[i], kind, w->seed))
             hits |= 1u << i;
     }
     w->hits |= hits;
 }
 
-static void visit_node(const Scene *scene, Walker *w)
+static void visit_node(const Scene *scene, Walker *w, uint kind)
 {
     __global const WideNode *node = scene->nodes + w->link;
     float8 entry;
-    int8 met = meet_children(node, w->origin, 0.0f, &w->rays, w->active, &entry);
-    w->depth = push_met(w, w->depth, node, met);
+    int8 met = meet_children(node, w->origin, &w->rays, w->active, &entry);
+    push_met(w, node, met, entry, kind);
 }
 
-// Finds the rays of each walker that hit something.
-__attribute__((noinline)) static void hide_streams(const Scene *scene, Walker *walkers, uint count)
+__attribute__((always_inline)) static void walk_streams(const Scene *scene, Walker *walkers, uint count, uint kind)
 {
     // Bit k: whether walker k has something left to visit, and whether it has not yet taken what comes next.
     uint alive = 0, visited = 0;
@@ -102,18 +136,30 @@ __attribute__((noinline)) static void hide_streams(const Scene *scene, Walker *w
         for (uint turn = 0; turn < STREAMS; ++turn) {
             uint other = (turn + STREAMS / 2u) % STREAMS;
             if (visited >> other & 1u) {
-                if (!take_next(scene, &walkers[other]))
+                if (!take_next(scene, &walkers[other], kind))
                     alive &= ~(1u << other);
                 visited &= ~(1u << other);
             }
             if (!(alive >> turn & 1u))
                 continue;
             if (walkers[turn].link & LEAF)
-                visit_leaf(scene, &walkers[turn]);
+                visit_leaf(scene, &walkers[turn], kind);
             else
-                visit_node(scene, &walkers[turn]);
+                visit_node(scene, &walkers[turn], kind);
             visited |= 1u << turn;
         }
     }
 }
 #endif
+
+// Finds the rays of each walker that hit anything.
+__attribute__((noinline)) static void hide_streams(const Scene *scene, Walker *walkers, uint count)
+{
+    walk_streams(scene, walkers, count, ANY);
+}
+
+// Finds the rays of each walker that hit something, and their nearest hits: t_max and triangle.
+__attribute__((noinline)) static void find_streams(const Scene *scene, Walker *walkers, uint count)
+{
+    walk_streams(scene, walkers, count, CLOSEST_FRONT);
+}

@@ -3,7 +3,7 @@
 // A stream is up to 32 rays from one origin, traced together in one work-item: a stack entry is a
 // node and a mask of the rays that reach it. Boxes and triangles are tested eight at a time, in
 // vector lanes, one ray after the other. Where nearest hits are asked for, entries also hold where the
-// first of their rays gets there, and a ray that is alone below a node is followed by itself.
+// first of their rays gets there. How streams walk is in `streams.h`, how a ray by itself does here.
 //
 // Watertight: a triangle is hit where its three edge volumes d.(p x q), of vertices relative to the
 // ray's origin, have no two different signs. 2 p x q is computed as (p - q) x (p + q), as Embree does:
@@ -72,16 +72,15 @@ static float8 relative(__global const float *row, float origin, float origin_low
 }
 
 // For each child the rays of `mask` that meet its box; `entry` gets where the first of these does.
-static int8 meet_children(__global const WideNode *node, float3 origin, float3 low, const Stream *s, uint mask,
-                          float8 *entry)
+static int8 meet_children(__global const WideNode *node, float3 origin, const Stream *s, uint mask, float8 *entry)
 {
     float8 planes[6];
-    planes[0] = relative(node->lower[0], origin.x, low.x);
-    planes[1] = relative(node->upper[0], origin.x, low.x);
-    planes[2] = relative(node->lower[1], origin.y, low.y);
-    planes[3] = relative(node->upper[1], origin.y, low.y);
-    planes[4] = relative(node->lower[2], origin.z, low.z);
-    planes[5] = relative(node->upper[2], origin.z, low.z);
+    planes[0] = vload8(0, node->lower[0]) - origin.x;
+    planes[1] = vload8(0, node->upper[0]) - origin.x;
+    planes[2] = vload8(0, node->lower[1]) - origin.y;
+    planes[3] = vload8(0, node->upper[1]) - origin.y;
+    planes[4] = vload8(0, node->lower[2]) - origin.z;
+    planes[5] = vload8(0, node->upper[2]) - origin.z;
     int8 met = 0;
     *entry = INFINITY;
     while (mask) {
@@ -320,11 +319,6 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
 }
 
 #if !SINGLE_RAYS
-typedef union {
-    int8 vector;
-    uint lane[8];
-} IntLanes;
-
 // Asks for what will be walked to later, where the compiler knows how to. Without a branch: whether it is a leaf
 // cannot be predicted.
 static void prefetch_link(const Scene *scene, uint link)
@@ -343,41 +337,9 @@ static void prefetch_link(const Scene *scene, uint link)
 #endif
 }
 
-// Pushes the children that rays have met. All eight are written, and the stack grows by those that count:
-// which they are cannot be predicted, and branches would cost more.
-static uint push_any(uint2 *stack, uint depth, __global const WideNode *node, const IntLanes *met)
-{
-    for (uint child = 0; child < 8u; ++child) {
-        stack[depth] = (uint2)(node->children[child], met->lane[child]);
-        depth += met->lane[child] ? 1u : 0u;
-    }
-    return depth;
-}
-
-// The same with the nearest child, as the first ray sees it, on top: each goes as many places above `depth`
-// as there are farther ones. What no ray has met counts as nearest, and lands beyond the top.
-static uint push_nearest(uint2 *stack, float *entries, uint depth, __global const WideNode *node, const IntLanes *met, float8 entry)
-{
-    const int8 index = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
-    Lanes at;
-    at.vector = select((float8)-1.0f, entry, met->vector != 0);
-    IntLanes place;
-    place.vector = (int8)depth;
-    for (int other = 0; other < 8; ++other) {
-        float8 that = at.lane[other];
-        // Comparisons are -1 where they hold.
-        place.vector -= (that > at.vector) | ((that == at.vector) & (index > (int8)other));
-    }
-    for (uint child = 0; child < 8u; ++child) {
-        stack[place.lane[child]] = (uint2)(node->children[child], met->lane[child]);
-        entries[place.lane[child]] = at.lane[child];
-        depth += met->lane[child] ? 1u : 0u;
-    }
-    return depth;
-}
-
-// One ray meets a leaf; true where a hit nearer than t_max was stored.
-static bool meet_leaf_once(const Scene *scene, float3 origin, float3 low, uint link, float3 d, float *t_max, uint *triangle, uint seed)
+// Whether a ray by itself hits a leaf: anything, or something nearer than t_max, which is stored.
+static bool meet_leaf_once(const Scene *scene, float3 origin, float3 low, uint link, float3 d, float *t_max, uint *triangle,
+                           uint kind, uint seed)
 {
     uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
     // What this leaf has stays in registers unless it is met.
@@ -388,25 +350,26 @@ static bool meet_leaf_once(const Scene *scene, float3 origin, float3 low, uint l
         return false;
     Leaf leaf = look;
     load_planes(&leaf);
-    return meet_leaf(scene, &leaf, first, n, d, t_max, triangle, CLOSEST_FRONT, seed);
+    return meet_leaf(scene, &leaf, first, n, d, t_max, triangle, kind, seed);
 }
 
-// Follows ray i of a stream from a link on to its nearest hit; true where there is one. The stack is used
-// from `base` on.
-__attribute__((noinline)) static bool follow_ray(const Scene *scene, float3 origin, float3 low, Stream *s, uint i, uint link,
-                                                 uint2 *stack, float *entries, uint base, uint seed)
+// Finds the nearest hit of one ray before *t_max, or whether there is any (ANY); true where there is one.
+__attribute__((noinline)) static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max,
+                                                uint *triangle, uint kind, uint seed)
 {
-    float3 d = (float3)(s->dx[i], s->dy[i], s->dz[i]);
-    float ix = s->ix[i], iy = s->iy[i], iz = s->iz[i];
+    float ix = safe_inverse(d.x), iy = safe_inverse(d.y), iz = safe_inverse(d.z);
     // Places in a node of the planes that the ray meets first, and of those that it meets last.
-    uint near_x = s->near_x[i] * 24u, near_y = (s->near_y[i] - 2u) * 24u + 8u, near_z = (s->near_z[i] - 4u) * 24u + 16u;
+    uint near_x = (as_uint(ix) >> 31) * 24u, near_y = (as_uint(iy) >> 31) * 24u + 8u, near_z = (as_uint(iz) >> 31) * 24u + 16u;
     uint far_x = 24u - near_x, far_y = 40u - near_y, far_z = 56u - near_z;
-    float t_max = s->t_max[i];
-    uint depth = base;
+    uint links[STACK_SIZE];
+    float entries[STACK_SIZE];
+    uint depth = 0, link = 0;
     bool found = false;
     for (;;) {
         if (link & LEAF) {
-            found |= meet_leaf_once(scene, origin, low, link, d, &t_max, &s->triangle[i], seed);
+            found |= meet_leaf_once(scene, origin, low, link, d, t_max, triangle, kind, seed);
+            if (kind == ANY && found)
+                return true;
         } else {
             __global const WideNode *node = scene->nodes + link;
             __global const float *planes = (__global const float *)node;
@@ -414,7 +377,7 @@ __attribute__((noinline)) static bool follow_ray(const Scene *scene, float3 orig
             at.vector = max(max(relative(planes + near_x, origin.x, low.x) * ix, relative(planes + near_y, origin.y, low.y) * iy),
                             max(relative(planes + near_z, origin.z, low.z) * iz, 0.0f));
             float8 leave = min(min(relative(planes + far_x, origin.x, low.x) * ix, relative(planes + far_y, origin.y, low.y) * iy),
-                               min(relative(planes + far_z, origin.z, low.z) * iz, t_max));
+                               min(relative(planes + far_z, origin.z, low.z) * iz, *t_max));
             ulong lanes = as_ulong(convert_char8(at.vector <= leave * SLAB_WIDENING));
             if (lanes) {
                 uint lane = take_lane(&lanes), bottom = depth;
@@ -431,73 +394,21 @@ __attribute__((noinline)) static bool follow_ray(const Scene *scene, float3 orig
                     uint place = depth++;
                     for (; place > bottom && other > entries[place - 1u]; --place) {
                         entries[place] = entries[place - 1u];
-                        stack[place] = stack[place - 1u];
+                        links[place] = links[place - 1u];
                     }
                     entries[place] = other;
-                    stack[place].x = other_link;
+                    links[place] = other_link;
                     prefetch_link(scene, other_link);
                 }
                 continue;
             }
         }
         do {
-            if (depth == base) {
-                s->t_max[i] = t_max;
+            if (!depth)
                 return found;
-            }
             --depth;
-        } while (entries[depth] > t_max * SLAB_WIDENING);
-        link = stack[depth].x;
+        } while (entries[depth] > *t_max * SLAB_WIDENING);
+        link = links[depth];
     }
-}
-
-// Traces the rays of `mask`; returns those that hit something. For CLOSEST_FRONT the stream's t_max
-// and triangle hold the hits.
-__attribute__((noinline)) static uint trace_stream(const Scene *scene, float3 origin, float3 low, Stream *s, uint mask, uint kind, uint seed)
-{
-    uint2 stack[STACK_SIZE];
-    float entries[STACK_SIZE];
-    entries[0] = 0.0f;
-    uint depth = 1, hits = 0;
-    stack[0] = (uint2)(0u, mask);
-    prepare_stream(s);
-    while (depth) {
-        uint2 top = stack[--depth];
-        if (kind == ANY && depth)
-            prefetch_link(scene, stack[depth - 1u].x);
-        uint active = kind == ANY ? top.y & ~hits : top.y;
-        if (!active)
-            continue;
-        if (kind != ANY && !(active & (active - 1u))) {
-            uint i = lowest_bit(active);
-            if (entries[depth] <= s->t_max[i] * SLAB_WIDENING &&
-                follow_ray(scene, origin, low, s, i, top.x, stack, entries, depth, seed))
-                hits |= active;
-            continue;
-        }
-        if (top.x & LEAF) {
-            uint first = top.x & 0x0fffffffu, n = (top.x >> 28 & 7u) + 1u;
-            Leaf leaf;
-            load_leaf(scene->leaves + 9u * first, n, origin, low, &leaf);
-            load_planes(&leaf);
-            while (active) {
-                uint i = lowest_bit(active);
-                active &= active - 1u;
-                float3 d = (float3)(s->dx[i], s->dy[i], s->dz[i]);
-                if (meet_leaf(scene, &leaf, first, n, d, &s->t_max[i], &s->triangle[i], kind, seed))
-                    hits |= 1u << i;
-            }
-            continue;
-        }
-        __global const WideNode *node = scene->nodes + top.x;
-        float8 entry;
-        IntLanes met;
-        met.vector = meet_children(node, origin, low, s, active, &entry);
-        if (kind == ANY)
-            depth = push_any(stack, depth, node, &met);
-        else
-            depth = push_nearest(stack, entries, depth, node, &met, entry);
-    }
-    return hits;
 }
 #endif

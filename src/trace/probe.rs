@@ -242,20 +242,14 @@ impl Probe {
             RayKind::Occlusion => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.hidden));
-                if self.walk == Walk::Alone {
-                    return self.occlusion.launch(
-                        &args,
-                        self.walk.items_of_bundles(self.bundle_count),
-                        group,
-                    );
-                }
-                let items = self.walk.items_of_streams(self.bundle_count, &self.device);
+                let items = self.walk.items_of_bundles(self.bundle_count, &self.device);
                 self.occlusion.launch(&args, items, self.walk.group_of_streams())
             }
             RayKind::Bounce => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.bounce_hits));
-                self.bounce.launch(&args, self.walk.items_of_bundles(self.bundle_count), group)
+                let items = self.walk.items_of_bundles(self.bundle_count, &self.device);
+                self.bounce.launch(&args, items, self.walk.group_of_streams())
             }
         }
     }

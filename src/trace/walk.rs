@@ -75,15 +75,15 @@ impl Walk {
         }
     }
 
-    /// Work-items that trace the nearest hits of bundles of 32 rays.
-    pub(super) fn items_of_bundles(self, bundles: usize) -> usize {
+    /// Work-items that trace bundles of 32 rays.
+    pub(super) fn items_of_bundles(self, bundles: usize, device: &Device) -> usize {
         match self {
-            Walk::Together => bundles,
+            Walk::Together => self.items_of_streams(bundles, device),
             Walk::Alone => bundles * 32,
         }
     }
 
-    /// Work-items that share streams of rays that ask whether anything is hit, of bundles or samples.
+    /// Work-items that share streams of light rays, one of each sample.
     pub(super) fn items_of_streams(self, streams: usize, device: &Device) -> usize {
         match self {
             Walk::Together => shares(streams, STREAMS, device),
