@@ -22,7 +22,7 @@ var<immediate> parameters: Parameters;
 
 // Two for each SampleRecord: first and depth, second and normal.
 @group(0) @binding(0) var<storage, read> samples: array<vec4<u32>>;
-// k-nearest: one for each sample: radiance (red negative if there is none), 0.
+// k-nearest: one for each sample: radiance in two words (see `pack_radiance`), 0, 0.
 // Guided: one for each sample, since each pixel reads several: first and second (see `pack_light`), depth,
 // and the normal as three signed bytes, which read faster than an octahedron, with the sun's byte; depth is
 // negative where the values are borrowed from neighbours, and 0 where there is nothing to borrow.
@@ -44,8 +44,8 @@ fn take_radiance(@builtin(global_invocation_id) id: vec3<u32>) {
     if !usable {
         atomicAdd(&dropped, 1u);
     }
-    let taken = select(vec3(-1.0), max(radiance, vec3(0.0)), usable);
-    prepared[id.x] = vec4(bitcast<vec3<u32>>(taken), 0u);
+    let taken = select(vec2(0u, NO_RADIANCE), pack_radiance(max(radiance, vec3(0.0))), usable);
+    prepared[id.x] = vec4(taken, 0u, 0u);
 }
 
 fn is_usable(first: vec4<u32>, second: vec4<u32>) -> bool {

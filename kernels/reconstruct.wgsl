@@ -120,9 +120,9 @@ fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     var radiance = vec3(0.0);
     var sum = 0.0;
     for (var slot = pixel; slot < parameters.neighbours * pixels; slot += pixels) {
-        let value = bitcast<vec3<f32>>(prepared[indices[slot] - parameters.first_sample].xyz);
-        let weight = select(0.0, weights[slot], value.x >= 0.0);
-        radiance += weight * value;
+        let packed = prepared[indices[slot] - parameters.first_sample].xy;
+        let weight = select(weights[slot], 0.0, packed.y == NO_RADIANCE);
+        radiance += weight * unpack_radiance(packed);
         sum += weight;
     }
     return encode(select(vec3(0.0), radiance / sum, sum > 0.0));
@@ -215,7 +215,8 @@ fn sunlight(record: vec4<u32>, visible: f32, surface: Surface, diffuse: vec3<f32
     let roughness = unpack_roughness(record.z);
     let alpha = clamp(roughness * roughness + SUN_RADIUS, 1e-3, 1.0);
     let a2 = alpha * alpha;
-    let fresnel = f0 + (1.0 - f0) * pow(1.0 - vh, 5.0);
+    let grazing = 1.0 - vh;
+    let fresnel = f0 + (1.0 - f0) * (grazing * grazing * (grazing * grazing) * grazing);
     let bell = nh * nh * (a2 - 1.0) + 1.0;
     let ggx = a2 / (PI * bell * bell);
     let smith = cosine * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(cosine * cosine * (1.0 - a2) + a2);
@@ -265,7 +266,8 @@ fn shown_depth(at: vec2<u32>) -> f32 {
 
 // The colour of a pixel, with what its neighbour shares of it.
 fn guided_color(at: vec2<u32>) -> vec4<f32> {
-    let edge = edge_of(visibility[place_in_band(at)].x);
+    var record = visibility[place_in_band(at)];
+    let edge = edge_of(record.x);
     let neighbour = vec2<u32>(vec2<i32>(at) + edge.step);
     // A neighbour beyond the band is not known here.
     let shared_row = neighbour.y - parameters.first_row < parameters.rows;
@@ -273,7 +275,10 @@ fn guided_color(at: vec2<u32>) -> vec4<f32> {
     var radiance = vec3(0.0);
     for (var i = 0u; i < select(1u, 2u, share > 0.0); i++) {
         let own = i == 0u;
-        radiance += select(share, 1.0 - share, own) * guided_radiance(select(neighbour, at, own));
+        radiance += select(share, 1.0 - share, own) * guided_radiance(select(neighbour, at, own), record);
+        if own && share > 0.0 {
+            record = visibility[place_in_band(neighbour)];
+        }
     }
     return encode(radiance);
 }
@@ -282,10 +287,9 @@ fn place_in_band(at: vec2<u32>) -> u32 {
     return (at.y - parameters.first_row) * parameters.width + at.x;
 }
 
-fn guided_radiance(at: vec2<u32>) -> vec3<f32> {
+fn guided_radiance(at: vec2<u32>, record: vec4<u32>) -> vec3<f32> {
     let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
-    let record = visibility[pixel];
     let depth = bitcast<f32>(record.y);
     let emission = unpack_emission(record.w);
     if !(depth > 0.0) {

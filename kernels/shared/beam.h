@@ -1,7 +1,7 @@
 // Parallel rays: do the pixels of a block see the sun?
 //
 // Rays in one direction d from nearby origins walk the tree together. Boxes and triangles are tested
-// against the beam that they fill, seen along d; what crosses it is met by eight rays at a time. With
+// against the beam that they fill, seen along d; what crosses it meets the rays, sixteen at a time. With
 // origins at offsets q from a base, an edge volume of vertices relative to the base changes linearly:
 // d.((p - q) x (r - q)) = d.(p x r) + q.((p - r) x d), so a leaf is set up once for all rays.
 

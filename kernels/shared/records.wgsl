@@ -70,6 +70,27 @@ fn pack_light(v: vec3<f32>) -> u32 {
     return min(codes.x, 511u) | min(codes.y, 511u) << 9u | min(codes.z, 255u) << 18u | exponent << 26u;
 }
 
+// Three values of at least 0 with one exponent: R19 G19 B18, each off by a 250,000th of the largest at most. Two
+// words are read in two thirds of the time of three.
+fn pack_radiance(v: vec3<f32>) -> vec2<u32> {
+    let exponent = max(bitcast<u32>(clamp(max(v.x, max(v.y, v.z)), 0.0, 1e38)) >> 23u, 1u);
+    let scale = bitcast<f32>((254u - exponent) << 23u);
+    let codes = vec3<u32>(round(min(v, vec3(1e38)) * scale * vec3(262144.0, 262144.0, 131072.0)));
+    let red = min(codes.x, 0x7ffffu);
+    let green = min(codes.y, 0x7ffffu);
+    return vec2(red | green << 19u, green >> 13u | min(codes.z, 0x3ffffu) << 6u | exponent << 24u);
+}
+
+// The second word where there is no radiance.
+const NO_RADIANCE = 0xff000000u;
+
+fn unpack_radiance(packed: vec2<u32>) -> vec3<f32> {
+    // 2^(exponent - 127), written into the exponent's bits.
+    let scale = bitcast<f32>(packed.y >> 24u << 23u);
+    let codes = vec3(packed.x & 0x7ffffu, packed.x >> 19u | (packed.y & 63u) << 13u, packed.y >> 6u & 0x3ffffu);
+    return vec3<f32>(codes) * vec3(1.0 / 262144.0, 1.0 / 262144.0, 1.0 / 131072.0) * scale;
+}
+
 // Where a pixel looks: `corner + across * x + down * y`, in world orientation, is the point at depth
 // 1 metre of pixel centre (x, y).
 struct Rays {
