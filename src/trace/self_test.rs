@@ -10,7 +10,7 @@ use crate::foveation::{Law, Pattern};
 use crate::gpu::opencl::{Buffer, Device};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
-use crate::scene::{Environment, Features, Material, Scene};
+use crate::scene::{Environment, Material, Scene};
 
 /// Pixels along a side of the test's view.
 const SIDE: u32 = 32;
@@ -25,11 +25,11 @@ const RADIANCE: f64 = 0.1;
 ///
 /// # Errors
 /// [`Error::Device`] where the device fails, or computes something else.
-pub fn run(device: &Device, programs: &Programs, features: &Features) -> Result<()> {
+pub fn run(device: &Device, programs: &Programs) -> Result<()> {
     let scene = floor();
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let data = SceneData::pack(&scene, &bvh, &Environment::constant(Vec3::ONE))?;
-    let mut tracer = Tracer::with_programs(device, programs, &data, features)?;
+    let mut tracer = Tracer::with_programs(device, programs, &data)?;
     let view = View {
         world_from_eye: Pose::look_at(DVec3::new(0.0, 1.0, 0.3), DVec3::new(0.0, 0.0, -1.0)),
         fov: FieldOfView::symmetric(1.6, 1.0),
@@ -125,9 +125,9 @@ mod tests {
     fn verdict(device: &Device, piece: &str, wrong: &str) -> Result<()> {
         let text = source::text();
         assert!(text.contains(piece), "the kernels have no {piece:?}");
-        let (features, walks) = (Features::default(), Walk::for_device(device).into());
+        let (features, walks) = (crate::scene::Features::default(), Walk::for_device(device).into());
         let programs = Programs::build_text(device, &text.replace(piece, wrong), &features, 12, walks)?;
-        run(device, &programs, &features)
+        run(device, &programs)
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 23] = [
+const FILES: [&str; 24] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -24,8 +24,9 @@ const FILES: [&str; 23] = [
     include_str!("../../kernels/shared/tiles.h"),
     include_str!("../../kernels/trace.cl"),
     include_str!("../../kernels/shared/beam.h"),
+    include_str!("../../kernels/shared/groups.h"),
+    include_str!("../../kernels/shared/sun.h"),
     include_str!("../../kernels/visibility.cl"),
-    include_str!("../../kernels/sun.cl"),
     include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/shade.cl"),
     include_str!("../../kernels/gather.cl"),

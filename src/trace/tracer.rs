@@ -12,8 +12,7 @@ use crate::scene::{Environment, Features, Scene};
 use super::source;
 use super::{SceneBuffers, SceneData, Walk, Walks};
 
-/// Work-items of `trace_pixels`, `light_pixels`, `describe_pixels` and `share_edges` for a tile:
-/// `BLOCKS_PER_TILE` of tiles.h.
+/// Work-items of `trace_pixels`, `describe_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
 pub(super) const BLOCKS_PER_TILE: usize = 4;
 /// Where a tile's number says which of its blocks are left out: `LEFT_OUT_SHIFT` of tiles.h.
 const LEFT_OUT_SHIFT: u32 = 28;
@@ -71,8 +70,6 @@ pub struct Tracer {
     share_edges: Kernel,
     shade_samples: Kernel,
     pack_visibility: Kernel,
-    /// Exists where the environment has a sun.
-    light_pixels: Option<Kernel>,
     counters: Buffer<u32>,
     /// Grown when a view needs more.
     hits: Buffer<HitRecord>,
@@ -175,8 +172,8 @@ impl Tracer {
     pub fn open(device: &Device, data: &SceneData, walks: Walks) -> Result<Self> {
         data.check_fit(device, walks)?;
         let programs = Programs::build(device, &data.features, data.depth, walks)?;
-        super::self_test::run(device, &programs, &data.features)?;
-        Self::with_programs(device, &programs, data, &data.features)
+        super::self_test::run(device, &programs)?;
+        Self::with_programs(device, &programs, data)
     }
 
     /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
@@ -191,15 +188,10 @@ impl Tracer {
     ) -> Result<Self> {
         let data = SceneData::pack(scene, bvh, environment)?;
         let programs = Programs::build(device, features, data.depth, walks.into())?;
-        Self::with_programs(device, &programs, &data, features)
+        Self::with_programs(device, &programs, &data)
     }
 
-    pub(super) fn with_programs(
-        device: &Device,
-        programs: &Programs,
-        data: &SceneData,
-        features: &Features,
-    ) -> Result<Self> {
+    pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
         let program = &programs.pixels;
         Ok(Tracer {
             scene: SceneBuffers::upload(device, data, programs.walks)?,
@@ -211,7 +203,6 @@ impl Tracer {
             share_edges: program.kernel("share_edges")?,
             shade_samples: programs.bundles.as_ref().unwrap_or(program).kernel("shade_samples")?,
             pack_visibility: program.kernel("pack_visibility")?,
-            light_pixels: features.sun.then(|| program.kernel("light_pixels")).transpose()?,
             counters: Buffer::new(device, 2)?,
             hits: Buffer::new(device, 1)?,
             device: device.clone(),
@@ -427,16 +418,8 @@ impl Tracer {
         let mut args = self.scene.args(self.walks.pixels);
         args.extend([Arg::value(camera), Arg::value(shading)]);
         args.extend(tiles);
-        args.extend([Arg::buffer(&self.hits), Arg::buffer(records)]);
-        let mut events = vec![trace];
-        if let Some(kernel) = &self.light_pixels {
-            let counters = [Arg::buffer(&self.counters)];
-            let args: Vec<_> = args.iter().copied().chain(counters).collect();
-            events.push(kernel.launch(&args, blocks, group)?);
-        }
-        // Only where the sun shines are the normals of maps wanted.
-        events.push(self.describe_pixels.launch(&args, blocks, group)?);
-        Ok(events)
+        args.extend([Arg::buffer(&self.hits), Arg::buffer(records), Arg::buffer(&self.counters)]);
+        Ok(vec![trace, self.describe_pixels.launch(&args, blocks, group)?])
     }
 
     fn share_edges(

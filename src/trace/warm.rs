@@ -41,7 +41,7 @@ pub fn kernel_times(
     let options = source::options(features, depth, walk);
     let build = |options: &str| -> Result<(f64, Idle)> {
         let start = Instant::now();
-        let idle = Idle::build(device, features, walk, options)?;
+        let idle = Idle::build(device, walk, options)?;
         idle.launch()?;
         Ok((start.elapsed().as_secs_f64() * 1e3, idle))
     };
@@ -72,13 +72,9 @@ struct Idle {
 }
 
 impl Idle {
-    fn build(device: &Device, features: &Features, walk: Walk, options: &str) -> Result<Idle> {
+    fn build(device: &Device, walk: Walk, options: &str) -> Result<Idle> {
         let program = Program::build(device, "foveate", &source::text(), options)?;
-        let mut names =
-            vec!["trace_pixels", "trace_samples", "describe_pixels", "share_edges", "shade_samples"];
-        if features.sun {
-            names.push("light_pixels");
-        }
+        let names = ["trace_pixels", "trace_samples", "describe_pixels", "share_edges", "shade_samples"];
         let kernels =
             names.into_iter().map(|name| Ok((name, program.kernel(name)?))).collect::<Result<_>>()?;
         Ok(Idle { device: device.clone(), walk, kernels, counters: Buffer::new(device, 2)? })
@@ -94,9 +90,6 @@ impl Idle {
             match *name {
                 "trace_pixels" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
                 "trace_samples" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
-                "describe_pixels" => {
-                    args.extend([Arg::value(&shading), Arg::NONE, none[0], none[1], Arg::NONE, Arg::NONE]);
-                }
                 "share_edges" => args.extend([
                     Arg::U32(1),
                     Arg::NONE,
@@ -106,7 +99,7 @@ impl Idle {
                     Arg::NONE,
                     Arg::buffer(&self.counters),
                 ]),
-                "light_pixels" => args.extend([
+                "describe_pixels" => args.extend([
                     Arg::value(&shading),
                     Arg::NONE,
                     none[0],

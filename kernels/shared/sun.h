@@ -1,0 +1,48 @@
+// Which pixels see the sun's centre: with the sun's light known, that is all that its shadows need,
+// and at every pixel they are as sharp as the picture.
+#if HAS_SUN
+
+// Pixels whose origins lie within this many pixel widths across the beam are traced together.
+#define BEAM_WIDTH 20.0f
+
+// Where a group's rays to the sun start, and which of its pixels face it.
+static ulong origins_of_group(const Group *g, const Facet *f, float3 sun, Origins *origins)
+{
+    Vectors n = choose(everywhere(f->geometric), everywhere(-f->geometric), dots_with(g->d, f->geometric) > 0.0f);
+    Vectors at = mix_vectors(f->corners[0], f->corners[1], f->corners[2], g->weights);
+    Lanes x = {fma(n.x, (float8)f->offset, at.x)}, y = {fma(n.y, (float8)f->offset, at.y)}, z = {fma(n.z, (float8)f->offset, at.z)};
+    ulong lit = lanes_of(dots_with(n, sun) > 0.0f), facing = 0ul;
+    for (uint i = 0; lit && i < g->places.count; ++i) {
+        uint place = g->places.place[i];
+        ((float *)origins->x)[place] = x.lane[i];
+        ((float *)origins->y)[place] = y.lane[i];
+        ((float *)origins->z)[place] = z.lane[i];
+        facing |= (lit >> i & 1ul) << place;
+    }
+    return facing;
+}
+
+// The pixels of a block that see the sun; adds the rays that it took to `rays`.
+static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun, const Groups *groups, __global uint *rays)
+{
+    Origins origins;
+    ulong waiting = 0ul, visible = 0ul;
+    float t[BLOCK * BLOCK];
+    for (uint i = 0; i < groups->count; ++i) {
+        const Group *g = &groups->group[i];
+        waiting |= origins_of_group(g, &groups->facets[g->facet], sun, &origins);
+        for (uint k = 0; k < g->places.count; ++k)
+            t[g->places.place[k]] = ((const float *)&g->t)[k];
+    }
+    if (waiting)
+        atomic_add(rays, (uint)popcount(waiting));
+    while (waiting) {
+        uint leader = lowest_bit64(waiting);
+        Beam beam;
+        start_beam(&beam, &origins, waiting, leader, t[leader] * camera->step[0] * BEAM_WIDTH, sun);
+        waiting &= ~beam.rays;
+        visible |= beam.rays & ~trace_beam(scene, &beam, camera->seed);
+    }
+    return visible;
+}
+#endif
