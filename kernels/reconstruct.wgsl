@@ -275,7 +275,7 @@ fn guided_color(at: vec2<u32>) -> vec4<f32> {
     var radiance = vec3(0.0);
     for (var i = 0u; i < select(1u, 2u, share > 0.0); i++) {
         let own = i == 0u;
-        radiance += select(share, 1.0 - share, own) * guided_radiance(select(neighbour, at, own), record);
+        radiance += select(share, 1.0 - share, own) * guided_radiance(select(neighbour, at, own), record, own);
         if own && share > 0.0 {
             record = visibility[place_in_band(neighbour)];
         }
@@ -287,7 +287,9 @@ fn place_in_band(at: vec2<u32>) -> u32 {
     return (at.y - parameters.first_row) * parameters.width + at.x;
 }
 
-fn guided_radiance(at: vec2<u32>, record: vec4<u32>) -> vec3<f32> {
+// `thorough`: whether more samples are looked at where few are on the pixel's surface; a neighbour's share at an edge
+// shows no difference.
+fn guided_radiance(at: vec2<u32>, record: vec4<u32>, thorough: bool) -> vec3<f32> {
     let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
     let depth = bitcast<f32>(record.y);
@@ -303,7 +305,7 @@ fn guided_radiance(at: vec2<u32>, record: vec4<u32>) -> vec3<f32> {
         add(&light, surface, indices[slot] - parameters.first_sample, weights[slot], 0.0);
     }
     // A pixel at an edge, or on a thing too thin for samples: the nearest sample's own neighbours.
-    if light.own < ENOUGH && parameters.sample_neighbours > 1u {
+    if thorough && light.own < ENOUGH && parameters.sample_neighbours > 1u {
         let own = light.own;
         let needed = 1.0 - own / ENOUGH;
         for (var j = 0u; j < parameters.sample_neighbours; j += STRIDE) {
