@@ -24,12 +24,17 @@ pub const RECONSTRUCT: Shader = Shader {
     push: size_of::<PixelParameters>() as u32,
 };
 
+/// How long the lists of that variant are.
+pub fn capacity(wanted: u32) -> u32 {
+    [5, 9, 17].into_iter().find(|&capacity| wanted <= capacity).unwrap_or(25)
+}
+
 /// The variant of `neighbours.wgsl` with the shortest lists that hold `wanted` samples.
 pub fn neighbours(wanted: u32) -> Shader {
-    let words: &'static [u8] = match wanted {
-        0..=5 => spirv!("neighbours_5"),
-        6..=9 => spirv!("neighbours_9"),
-        10..=17 => spirv!("neighbours_17"),
+    let words: &'static [u8] = match capacity(wanted) {
+        5 => spirv!("neighbours_5"),
+        9 => spirv!("neighbours_9"),
+        17 => spirv!("neighbours_17"),
         _ => spirv!("neighbours_25"),
     };
     Shader { name: "neighbours.wgsl", words, buffers: 5, push: size_of::<NeighbourParameters>() as u32 }

@@ -11,8 +11,11 @@ use crate::gpu::vulkan::{
 };
 use crate::layout::{SampleRecord, VisibilityRecord};
 
-/// Pixels across a block that shares a search radius, as in neighbours.wgsl.
+/// Pixels across and down a block that shares a search radius, as in neighbours.wgsl.
 const BLOCK: u32 = 4;
+/// How much farther than in proportion to their number a sample's neighbours are looked for at once: rarely too
+/// little, which would have it look again.
+const GROWTH: f32 = 1.3;
 /// Work-groups in one direction that every device takes.
 const MAX_GROUPS: usize = 65535;
 
@@ -30,6 +33,7 @@ pub(super) struct NeighbourParameters {
     first_row: u32,
     rows: u32,
     written: u32,
+    growth: f32,
 }
 
 /// The shaders that find neighbours.
@@ -37,11 +41,14 @@ pub(super) struct Finders {
     radii: ComputePipeline,
     pixels: ComputePipeline,
     samples: Option<ComputePipeline>,
+    /// Rows of pixels that an invocation of `pixels` takes, as in neighbours.wgsl.
+    rows: u32,
 }
 
 impl Finders {
     pub fn new(context: &Context, settings: &Settings) -> Result<Self> {
         let of_pixels = shaders::neighbours(settings.k + 1);
+        let rows = BLOCK / shaders::capacity(settings.k + 1).div_ceil(8);
         let samples = match settings.mode {
             Mode::Guided(guided) if guided.neighbours > 1 => {
                 let shader = shaders::neighbours(guided.neighbours);
@@ -53,6 +60,7 @@ impl Finders {
             radii: ComputePipeline::new(context, &of_pixels, "find_radii")?,
             pixels: ComputePipeline::new(context, &of_pixels, "nearest_to_pixels")?,
             samples,
+            rows,
         })
     }
 }
@@ -266,6 +274,7 @@ impl Tables {
             first_row: 0,
             rows: self.height,
             written: self.k,
+            growth: 0.0,
         };
         let buffers = [Some(&sorted), Some(&cell_start), Some(&radii), None, None];
         let groups = [blocks[0].div_ceil(64), blocks[1], 1];
@@ -275,7 +284,7 @@ impl Tables {
             (parameters.first_row, parameters.rows) = (band.first_row, band.rows);
             let (indices, weights) = (Some(&band.indices), Some(&band.weights));
             let buffers = [Some(&sorted), Some(&cell_start), Some(&radii), indices, weights];
-            let groups = [self.width.div_ceil(8), band.rows.div_ceil(8), 1];
+            let groups = [blocks[0].div_ceil(64), band.rows.div_ceil(finders.rows), 1];
             self.commands.dispatch(&finders.pixels, &buffers, bytemuck::bytes_of(&parameters), groups)?;
         }
         self.commands.end_stage("pixels");
@@ -288,8 +297,9 @@ impl Tables {
             };
             parameters.wanted = self.neighbours;
             parameters.written = self.neighbours;
-            parameters.first_radius = self.usual_radius(self.neighbours);
-            let buffers = [Some(&sorted), Some(&cell_start), None, Some(&nearest), None];
+            // Blocks' radii tell how dense samples are there.
+            parameters.growth = (self.neighbours as f32 / wanted as f32).sqrt() * GROWTH;
+            let buffers = [Some(&sorted), Some(&cell_start), Some(&radii), Some(&nearest), None];
             let groups = [parameters.count.div_ceil(64), 1, 1];
             self.commands.dispatch(pipeline, &buffers, bytemuck::bytes_of(&parameters), groups)?;
             self.commands.end_stage("samples");
@@ -298,12 +308,12 @@ impl Tables {
         Ok(())
     }
 
-    /// Somewhat below the radius that holds so many samples at mean density: where it does not hold
+    /// Somewhat above the radius that holds so many samples at mean density: where it does not hold
     /// them, a search looks again.
     fn usual_radius(&self, wanted: u32) -> u32 {
         let area = f64::from(self.width) * f64::from(self.height) / self.count as f64;
         let radius = (area * f64::from(wanted) / std::f64::consts::PI).sqrt();
-        (radius * 0.8).clamp(1.0, f64::from(self.width.max(self.height))) as u32
+        (radius * 1.25).clamp(1.0, f64::from(self.width.max(self.height))) as u32
     }
 }
 
