@@ -110,10 +110,7 @@ static void set_block(Block *b, const Camera *camera, uint left, uint top)
 static float farthest(const Block *b)
 {
     float16 all = max(max(b->t_max[0], b->t_max[1]), max(b->t_max[2], b->t_max[3]));
-    float8 t = max(all.lo, all.hi);
-    float4 four = max(t.lo, t.hi);
-    float2 two = max(four.lo, four.hi);
-    return max(two.x, two.y);
+    return -least_of(-all);
 }
 
 typedef struct {
@@ -154,10 +151,7 @@ static float entry_of_rays(const Block *b, const Inverses *inverse, const float8
     }
     if (!some16(some))
         return INFINITY;
-    float8 eight = min(first.lo, first.hi);
-    float4 four = min(eight.lo, eight.hi);
-    float2 two = min(four.lo, four.hi);
-    return min(two.x, two.y);
+    return least_of(first);
 }
 
 // The lanes of a leaf that rays of the block can hit: not those that one edge has on its negative side

@@ -15,13 +15,6 @@ static float dot3(float3 a, float3 b) { return fma(a.x, b.x, fma(a.y, b.y, a.z *
 // Whether a comparison holds in any lane. The built-in `any` looks at one lane after the other in PoCL.
 static bool some8(int8 lanes) { return as_ulong(convert_char8(lanes)) != 0ul; }
 
-// Bit i: whether a comparison holds in lane i.
-static uint bits_of_lanes(int8 lanes)
-{
-    ulong bytes = as_ulong(convert_char8(lanes)) & 0x0101010101010101ul;
-    return (uint)(bytes * 0x0102040810204080ul >> 56);
-}
-
 // Lane `at` of `v` in each lane: one instruction where the compiler sees it.
 static uint8 permuted8(uint8 v, uint8 at)
 {

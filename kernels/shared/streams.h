@@ -50,7 +50,7 @@ static uint least_lane(float8 values)
     float8 least = min(values, values.s10325476);
     least = min(least, least.s23016745);
     least = min(least, least.s45670123);
-    uint all = bits_of_lanes(values == least);
+    uint all = (uint)lanes_of(values == least);
     return all & (0u - all);
 }
 
@@ -58,7 +58,7 @@ static uint least_lane(float8 values)
 // enters first. Vectors are moved together by a table and stored whole.
 static void push_met(Walker *w, __global const WideNode *node, int8 met, float8 entry, uint kind)
 {
-    uint lanes = bits_of_lanes(met != 0), count = popcount(lanes), depth = w->depth;
+    uint lanes = (uint)lanes_of(met != 0), count = popcount(lanes), depth = w->depth;
     ulong places = LANES_OF_BITS[lanes];
     if (kind != ANY) {
         // Where no ray comes, `entry` is infinite.
