@@ -16,8 +16,7 @@ use foveate::math::view::{FieldOfView, View};
 use foveate::measure::stats::{median, percentile};
 use foveate::scene::texture::{Texture, Wrap};
 use foveate::scene::{
-    AlphaMode, Environment, Features, Light, LightKind, Material, Scene, TextureRef, default_viewpoint,
-    generate,
+    AlphaMode, Environment, Features, Material, Scene, TextureRef, default_viewpoint, generate,
 };
 use foveate::speed::cpu_time;
 use foveate::trace::{SceneData, Settings, TracePattern, Tracer, Walk, warm};
@@ -39,21 +38,11 @@ fn variants() -> Vec<(&'static str, Features)> {
         ("textures", Features { textures: true, ..none }),
         ("normal maps", Features { normal_maps: true, ..none }),
         ("alpha", Features { alpha: true, ..none }),
-        ("emission", Features { emission: true, ..none }),
         ("vertex colours", Features { vertex_colors: true, ..none }),
-        ("lights", Features { lights: true, ..none }),
         ("sun", Features { sun: true, ..none }),
         (
             "all of them",
-            Features {
-                textures: true,
-                normal_maps: true,
-                alpha: true,
-                emission: true,
-                vertex_colors: true,
-                lights: true,
-                sun: true,
-            },
+            Features { textures: true, normal_maps: true, alpha: true, vertex_colors: true, sun: true },
         ),
     ]
 }
@@ -132,20 +121,8 @@ fn pretend(mut scene: Scene, features: &Features) -> Scene {
     if features.alpha {
         scene.materials.push(unused(&|m| m.alpha = AlphaMode::Blend));
     }
-    if features.emission {
-        scene.materials.push(unused(&|m| m.unlit = true));
-    }
     if features.vertex_colors {
         scene.mesh.colors = vec![Vec4::ONE; scene.mesh.positions.len()];
-    }
-    if features.lights {
-        scene.lights.push(Light {
-            kind: LightKind::Point,
-            intensity: Vec3::ZERO,
-            position: Vec3::ZERO,
-            direction: Vec3::NEG_Y,
-            range: 0.0,
-        });
     }
     scene
 }

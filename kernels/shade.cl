@@ -225,10 +225,8 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     uint lost = 0;
     for (uint k = 0; k < n; ++k) {
         Sample *sample = &mine[k];
-#if HAS_LIGHTS
         if (sample->lit)
             rays += add_punctual(&scene, &shading, &sample->surface, sample->f0, sample->view, walkers[k].seed, &sample->sum);
-#endif
         lost += end_sample(&shading, sample, &records[sample->index]) ? 0u : 1u;
     }
     if (rays)

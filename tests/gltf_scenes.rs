@@ -37,7 +37,7 @@ fn sponza_is_whole() {
     assert!((size - DVec3::new(29.767, 12.448, 18.306)).length() < 2e-3, "{size}");
     let json = serde_json::to_value(&info).unwrap();
     assert_eq!(json["features"]["alpha"], true);
-    assert_eq!(json["features"]["lights"], false);
+    assert_eq!(json["features"]["vertex_colors"], false);
 }
 
 #[test]

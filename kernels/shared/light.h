@@ -74,7 +74,6 @@ static float3 distant_light(const Scene *scene, const Shading *shading, float3 d
     return radiance;
 }
 
-#if HAS_LIGHTS
 // Irradiance-like intensity of a punctual light at a point, the direction towards it and its distance
 // (KHR_lights_punctual).
 static float3 punctual(__global const Light *light, float3 position, float3 *direction, float *distance)
@@ -124,7 +123,6 @@ static uint add_punctual(const Scene *scene, const Shading *shading, const Surfa
     }
     return rays;
 }
-#endif
 
 // Radiance that leaves surface s towards `view` over `bounces` further surfaces, with one path.
 // Iterative: each step adds distant and punctual light by one ray and goes on along a reflected one.
@@ -140,11 +138,9 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
             return sum;
         float3 view = -d, f0 = specular_color(&s), base = diffuse_color(&s);
         origin = leave_surface(&s);
-#if HAS_LIGHTS
         Reflection lit = {0.0f, 0.0f};
         *rays += add_punctual(scene, shading, &s, f0, view, seed, &lit);
         sum += throughput * (base * lit.diffuse + specular_scale(f0) * lit.specular);
-#endif
         Mixture m = mixture_at(&s, shading, f0, view, true);
         uint2 u = (uint2)(hash(seed + 4u * bounce + 1u), hash(seed + 4u * bounce + 2u));
         bool reflected;

@@ -211,7 +211,7 @@ static float3 emission_at(const Scene *scene, const Spot *spot)
 {
     __global const Material *material = spot->facet->material;
     float3 emission = gload3(material->emissive);
-#if HAS_EMISSION && HAS_TEXTURES
+#if HAS_TEXTURES
     if (material->textures[4].texture != NONE)
         emission *= lookup(scene, &material->textures[4], &spot->at).xyz;
 #endif

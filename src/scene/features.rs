@@ -1,4 +1,5 @@
-//! What a scene requires of the kernels: one pure function, a handful of flags.
+//! What a scene requires of the kernels: one pure function, a handful of flags. Emission and punctual lights have
+//! none, since kernels without them were no faster and no smaller (`benches/features.rs`).
 
 use super::{AlphaMode, Environment, Scene};
 
@@ -11,12 +12,8 @@ pub struct Features {
     pub normal_maps: bool,
     /// Some material is MASK or BLEND, so a hit may be a miss.
     pub alpha: bool,
-    /// Some material emits or is unlit.
-    pub emission: bool,
     /// There are vertex colours.
     pub vertex_colors: bool,
-    /// There are punctual lights.
-    pub lights: bool,
     /// The environment has a sun of its own.
     pub sun: bool,
 }
@@ -29,22 +26,18 @@ impl Features {
             textures: !scene.textures.is_empty(),
             normal_maps: any(&|m| m.normal_texture.is_some()),
             alpha: any(&|m| m.alpha != AlphaMode::Opaque),
-            emission: any(&|m| m.emissive != glam::Vec3::ZERO || m.unlit),
             vertex_colors: !scene.mesh.colors.is_empty(),
-            lights: !scene.lights.is_empty(),
             sun: environment.sun.is_some(),
         }
     }
 
     /// Every feature with its kernel name, in a fixed order.
-    pub fn defines(&self) -> [(&'static str, bool); 7] {
+    pub fn defines(&self) -> [(&'static str, bool); 5] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_NORMAL_MAPS", self.normal_maps),
             ("HAS_ALPHA", self.alpha),
-            ("HAS_EMISSION", self.emission),
             ("HAS_VERTEX_COLORS", self.vertex_colors),
-            ("HAS_LIGHTS", self.lights),
             ("HAS_SUN", self.sun),
         ]
     }

@@ -117,7 +117,7 @@ impl SceneData {
             textures: features.textures.then_some(infos),
             texels: features.textures.then_some(texels),
             srgb: features.textures.then(srgb_codes),
-            lights: features.lights.then(|| pack_lights(scene)),
+            lights: (!scene.lights.is_empty()).then(|| pack_lights(scene)),
             environment: pack_environment(environment, &directions),
             alias: pack_alias(&directions),
             shading: shading(scene, environment, &directions),

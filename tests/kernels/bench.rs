@@ -13,15 +13,8 @@ use foveate::trace::{Settings, Tracer, Walk, Walks};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
-pub const EVERYTHING: Features = Features {
-    textures: true,
-    normal_maps: true,
-    alpha: true,
-    emission: true,
-    vertex_colors: true,
-    lights: true,
-    sun: true,
-};
+pub const EVERYTHING: Features =
+    Features { textures: true, normal_maps: true, alpha: true, vertex_colors: true, sun: true };
 
 /// 32 rays, no bounces, records of radiance.
 pub const PLAIN: Settings =

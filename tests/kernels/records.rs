@@ -309,18 +309,10 @@ fn specialised_kernels_are_the_general_ones() {
     });
 }
 
-/// The flags by their bits: textures, normal maps, alpha, emission, vertex colours, lights, sun.
+/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun.
 fn combination(bits: u32) -> Features {
     let on = |bit: u32| bits >> bit & 1 != 0;
-    Features {
-        textures: on(0),
-        normal_maps: on(1),
-        alpha: on(2),
-        emission: on(3),
-        vertex_colors: on(4),
-        lights: on(5),
-        sun: on(6),
-    }
+    Features { textures: on(0), normal_maps: on(1), alpha: on(2), vertex_colors: on(3), sun: on(4) }
 }
 
 /// Builds kernels for combinations of features, in both variants, and makes all kernels of a frame from them.
@@ -338,13 +330,13 @@ fn build(device: &Device, combinations: impl Iterator<Item = u32>) {
 
 #[test]
 fn each_feature_builds_alone_and_beside_all_others() {
-    on_every_device(|device| build(device, (0..7).map(|bit| 1 << bit).chain([0, 0b111_1111])));
+    on_every_device(|device| build(device, (0..5).map(|bit| 1 << bit).chain([0, 0b1_1111])));
 }
 
 #[test]
-#[ignore = "256 builds: make test-long"]
+#[ignore = "64 builds: make test-long"]
 fn long_every_combination_of_features_builds() {
-    on_every_device(|device| build(device, 0..128));
+    on_every_device(|device| build(device, 0..32));
 }
 
 fn trace_with(
