@@ -241,7 +241,8 @@ impl Report {
             .map_err(|e| Error::setting("front.toml", format!("the front cannot be written: {e}")))?;
         Ok(format!(
             "# The Pareto front of {} on {}, {}x{}: milliseconds of a frame against the\n\
-             # foveated score. Written by foveate measure; give it with --config, and a --target-ms.\n\n{text}",
+             # foveated score. Written by foveate measure; give it with --config, and a --target-ms where nothing\n\
+             # is displayed.\n\n{text}",
             one_line(&self.scene),
             one_line(&self.device),
             self.size[0],

@@ -20,7 +20,10 @@ fn a_generated_town_has_the_size_that_was_asked_for_and_renders() {
         assert!(info[key].as_u64().unwrap() > 0, "{key} of {info}");
     }
     assert!(info["bounds"]["min"][0].as_f64() < info["bounds"]["max"][0].as_f64());
-    assert_eq!((&info["features"]["textures"], &info["features"]["vertex_colors"]), (&json!(true), &json!(false)));
+    assert_eq!(
+        (&info["features"]["textures"], &info["features"]["vertex_colors"]),
+        (&json!(true), &json!(false))
+    );
     let buffers = info["device_buffers"].as_array().unwrap();
     let sum: u64 = buffers.iter().map(|buffer| buffer["bytes"].as_u64().unwrap()).sum();
     assert!(buffers.len() > 5 && info["device_bytes"] == sum, "{info}");
