@@ -1,7 +1,6 @@
 // Rays of a given list, in bundles of 32 that leave one point, as the light rays of a sample do: what
-// measurements trace.
+// measurements trace: each ray a work-item, or streams in turns.
 
-// Bit k of hidden[i]: ray k of bundle i hits something. Rays of one work-item each, or streams in turns.
 #if SINGLE_RAYS
 // Ray k of bundle i is item 32 i + k; bit k of hidden[i] says whether it hits something.
 __kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
@@ -42,6 +41,7 @@ static void send_bundle(Walker *w, __global const float *origins, __global const
     w->seed = 0;
 }
 
+// Bit k of hidden[i]: ray k of bundle i hits something.
 __kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global uint *hidden)
 {

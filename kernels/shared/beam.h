@@ -57,6 +57,8 @@ static void start_beam(Beam *b, const Origins *o, ulong waiting, uint leader, fl
             high[axis] = max(high[axis], at);
         }
     }
+    // Even where its coordinates have overflowed, so that each beam takes a ray at least.
+    b->rays |= 1ul << leader;
     for (uint axis = 0; axis < 3u; ++axis) {
         b->low[axis] = least_of(low[axis]);
         b->high[axis] = -least_of(-high[axis]);
