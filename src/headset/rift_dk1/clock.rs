@@ -48,6 +48,8 @@ impl Placement {
 #[derive(Clone, Debug, Default)]
 pub struct DeviceClock {
     expected: Option<u64>,
+    /// Time of the newest sample so far in ms: a report without samples may be the newest.
+    newest: u64,
     heard: Option<f64>,
     restarted: bool,
 }
@@ -74,7 +76,7 @@ impl DeviceClock {
         }
         if gap > TURN - OVERLAP && turns == 0 {
             let first_ms = (expected + gap).saturating_sub(TURN);
-            let newest_ms = expected.saturating_sub(1);
+            let newest_ms = self.newest;
             return Placement { first_ms, newest_ms, continuity: Continuity::Repeated };
         }
         let gap = gap + turns * TURN;
@@ -90,7 +92,8 @@ impl DeviceClock {
     fn accept(&mut self, first_ms: u64, count: u8, continuity: Continuity) -> Placement {
         let end = first_ms + u64::from(count);
         self.expected = Some(end);
-        Placement { first_ms, newest_ms: end.saturating_sub(1).max(first_ms), continuity }
+        self.newest = end.saturating_sub(1).max(first_ms);
+        Placement { first_ms, newest_ms: self.newest, continuity }
     }
 }
 
