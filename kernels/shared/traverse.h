@@ -319,12 +319,11 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
 }
 
 #if !SINGLE_RAYS
-// Asks for what will be walked to later, where the compiler knows how to. Without a branch: whether it is a leaf
-// cannot be predicted.
+// Asks for what will be walked to later, on the drivers where that was measured to pay; others' compilers refuse it.
+// Without a branch: whether it is a leaf cannot be predicted.
 static void prefetch_link(const Scene *scene, uint link)
 {
-#ifdef __has_builtin
-#if __has_builtin(__builtin_prefetch)
+#if PREFETCH
     ulong is_leaf = (ulong)(long)((int)link >> 31);
     ulong leaf = (ulong)scene->leaves + 9u * sizeof(float) * (ulong)(link & 0x0fffffffu);
     ulong node = (ulong)scene->nodes + sizeof(WideNode) * (ulong)link;
@@ -333,7 +332,6 @@ static void prefetch_link(const Scene *scene, uint link)
     __builtin_prefetch(at + 64);
     __builtin_prefetch(at + 128);
     __builtin_prefetch(at + 192);
-#endif
 #endif
 }
 

@@ -109,7 +109,7 @@ impl Probe {
     /// # Errors
     /// As for [`Probe::new`].
     pub fn with_text(device: &Device, shape: &Scene, bvh: &WideBvh, walk: Walk, text: &str) -> Result<Self> {
-        let options = source::options(&Features::default(), bvh.depth(), walk);
+        let options = source::options(device.info(), &Features::default(), bvh.depth(), walk);
         let program = Program::build(device, "probe", text, &options)?;
         let darkness = Environment::constant(glam::Vec3::ZERO);
         let data = SceneData::pack(shape, bvh, &darkness)?;

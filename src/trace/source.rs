@@ -1,6 +1,7 @@
 //! The kernels' text, and the options they are built with.
 
 use super::Walk;
+use crate::gpu::opencl::DeviceInfo;
 use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
@@ -69,8 +70,9 @@ fn lanes_of_bits() -> String {
     format!("__constant ulong LANES_OF_BITS[256] = {{{}}};\n", entries.join(", "))
 }
 
-/// Build options: every feature and the variant, always defined, and the depth of the kernels' stacks.
-pub fn options(features: &Features, tree_depth: u32, walk: Walk) -> String {
+/// Build options for a device: every feature and the variant, always defined, whether to prefetch, and the depth of
+/// the kernels' stacks.
+pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, walk: Walk) -> String {
     let mut options = String::from("-cl-std=CL1.2");
     for (name, on) in features.defines() {
         options += &format!(" -D {name}={}", u32::from(on));
@@ -78,11 +80,30 @@ pub fn options(features: &Features, tree_depth: u32, walk: Walk) -> String {
     // Seven siblings wait at every level, and eight are written where some count. Rounded up, so that scenes
     // share built kernels.
     let entries = (tree_depth * 7 + 9).next_multiple_of(64);
-    options + &format!(" -D SINGLE_RAYS={} -D STACK_SIZE={entries}", u32::from(walk == Walk::Alone))
+    let [single, prefetch] = [walk == Walk::Alone, prefetches(device)].map(u32::from);
+    options + &format!(" -D SINGLE_RAYS={single} -D PREFETCH={prefetch} -D STACK_SIZE={entries}")
+}
+
+/// Whether kernels may use a compiler's own prefetch: with PoCL on a processor, where it was measured to pay. It is no
+/// part of OpenCL C, and compilers that make SPIR-V end the whole program over it (Mesa's rusticl does).
+fn prefetches(device: &DeviceInfo) -> bool {
+    device.platform == "Portable Computing Language" && device.kind == "cpu"
 }
 
 #[cfg(test)]
 mod tests {
+    /// What is no part of OpenCL C stands behind `PREFETCH`, which is on for one driver alone.
+    #[test]
+    fn other_drivers_see_no_builtins() {
+        for text in [super::text(), super::probe_text()] {
+            let mut hidden = false;
+            for line in text.lines() {
+                hidden = (hidden || line == "#if PREFETCH") && line != "#endif";
+                assert!(hidden || !line.contains("__builtin"), "{line}");
+            }
+        }
+    }
+
     #[test]
     fn chosen_lanes_are_moved_together() {
         let text = super::lanes_of_bits();

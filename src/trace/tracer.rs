@@ -147,7 +147,8 @@ impl Programs {
         depth: u32,
         walks: Walks,
     ) -> Result<Programs> {
-        let build = |walk| Program::build(device, "foveate", text, &source::options(features, depth, walk));
+        let options = |walk| source::options(device.info(), features, depth, walk);
+        let build = |walk| Program::build(device, "foveate", text, &options(walk));
         let bundles = (walks.bundles != walks.pixels).then(|| build(walks.bundles)).transpose()?;
         Ok(Programs { walks, pixels: build(walks.pixels)?, bundles })
     }

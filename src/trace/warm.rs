@@ -38,7 +38,7 @@ pub fn kernel_times(
     walk: Walk,
     cold: bool,
 ) -> Result<KernelTimes> {
-    let options = source::options(features, depth, walk);
+    let options = source::options(device.info(), features, depth, walk);
     let build = |options: &str| -> Result<(f64, Idle)> {
         let start = Instant::now();
         let idle = Idle::build(device, walk, options)?;

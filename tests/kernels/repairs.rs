@@ -194,7 +194,8 @@ fn accuracy_of_shading_without_its_repairs() {
 fn kernels_without_repairs_build() {
     on_every_device(|device| {
         for repair in &REPAIRS {
-            let options = source::options(&foveate::scene::Features::default(), 5, Walk::Together);
+            let options =
+                source::options(device.info(), &foveate::scene::Features::default(), 5, Walk::Together);
             Program::build(device, repair.name, &text_without(repair, source::probe_text()), &options)
                 .unwrap();
         }

@@ -73,7 +73,7 @@ impl<'a> Stages<'a> {
         text: &str,
     ) -> Self {
         let text = text.to_string() + include_str!("stages.cl");
-        let options = source::options(&EVERYTHING, bvh.depth(), Walk::Together);
+        let options = source::options(device.info(), &EVERYTHING, bvh.depth(), Walk::Together);
         let data = SceneData::pack(scene, bvh, light).unwrap();
         Stages {
             device,
