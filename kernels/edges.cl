@@ -123,7 +123,7 @@ static bool on_one_surface(Window *w, const Seen *a, const Seen *b)
 {
     if (a->triangle == b->triangle)
         return true;
-    if (a->triangle == NONE || b->triangle == NONE)
+    if (!IS_HIT(a->triangle) || !IS_HIT(b->triangle))
         return false;
     Flat p = flat_of(w, a), q = flat_of(w, b);
     float allowed = SAME_PLANE * w->camera->step[0] * min(a->t, b->t);
@@ -133,6 +133,7 @@ static bool on_one_surface(Window *w, const Seen *a, const Seen *b)
 
 // What the records say of the window's surfaces.
 typedef struct {
+    // The roots of the base colours in 8 bits each.
     uint base[WINDOW], emission[WINDOW];
     float nx[WINDOW], ny[WINDOW], nz[WINDOW];
 } Looks;
@@ -158,9 +159,9 @@ static void load_looks(Looks *l, const Window *w, __global const VisibilityRecor
         uint start = clamped(w->top, row, w->camera->height) * w->camera->width;
         for (uint column = 0; column < AROUND; ++column) {
             __global const VisibilityRecord *record = records + start + clamped(w->left, column, w->camera->width);
-            uint place = row * WINDOW_ROW + column, emission = record->emission;
-            l->base[place] = record->albedo;
-            l->emission[place] = emission >> 26 == MAPPED_NORMAL >> 26 ? 0u : emission;
+            uint place = row * WINDOW_ROW + column, base = record->base;
+            l->base[place] = (base >> 8 & 255u) | (base >> 16 & 0xff00u) | (record->surface & 0xff0u) << 12;
+            l->emission[place] = record->emission;
         }
         float16 x, y, z;
         unpack_normals24(vload16(row, w->normal), &x, &y, &z);

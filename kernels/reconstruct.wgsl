@@ -31,6 +31,8 @@ struct Parameters {
     sun_blue: f32,
     // Metres at which a depth is 1.
     nearest_depth: f32,
+    // Half the sun's angular radius: how far normals lie apart that mirror its centre and its rim.
+    sun_radius: f32,
 }
 var<immediate> parameters: Parameters;
 
@@ -42,7 +44,7 @@ var<immediate> parameters: Parameters;
 // Position of each sample, x | y << 16.
 @group(0) @binding(3) var<storage, read> positions: array<u32>;
 // One VisibilityRecord for each pixel of the band.
-@group(0) @binding(4) var<storage, read> visibility: array<vec4<u32>>;
+@group(0) @binding(4) var<storage, read> visibility: array<VisibilityRecord>;
 // [neighbour][sample]: indices, nearest first.
 @group(0) @binding(5) var<storage, read> nearest: array<u32>;
 
@@ -98,7 +100,7 @@ fn warped(at: vec2<u32>) -> vec2<u32> {
     let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
     var found = traced_pixel(direction);
     for (var step = 0; step < WARP_STEPS; step++) {
-        let depth = bitcast<f32>(visibility[place_in_band(found)].y);
+        let depth = visibility[place_in_band(found)].depth;
         if !(depth > 0.0) {
             return found;
         }
@@ -158,10 +160,6 @@ const SHARE_OF_HOLES = 1e-10;
 // Samples' specular light is divided by F0, or by this where that is less.
 const LEAST_F0 = 1e-3;
 const PI = 3.14159265;
-// The exponent in an emission's place that marks the normal with its map: MAPPED_NORMAL in src/layout.rs.
-const MAPPED_NORMAL_EXPONENT = 1u;
-// Half the sun's angular radius, by which a disc widens a highlight.
-const SUN_RADIUS = 0.0023;
 // With less weight than this on its own surface, a pixel looks at more samples.
 const ENOUGH = 0.01;
 // It then looks at every sixth neighbour of its nearest sample: what all of them add is not seen (0.04 dB).
@@ -198,11 +196,12 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
 }
 
 // What the pixel reflects of the sun, which only it knows to be visible: glTF's BRDF as in
-// kernels/shared/bsdf.h. The sun's disc is as good as a point on all but mirrors, where it widens
-// the highlight (Karis 2013).
-fn sunlight(record: vec4<u32>, visible: f32, surface: Surface, diffuse: vec3<f32>, f0: vec3<f32>) -> vec3<f32> {
+// kernels/shared/bsdf.h. The sun's disc is as good as a point on all but smooth surfaces, where it widens
+// the highlight: of GGX's normals, tan^2 / (tan^2 + alpha^2) lie within an angle, so that its height is right
+// where squares are added.
+fn sunlight(record: VisibilityRecord, visible: f32, surface: Surface, diffuse: vec3<f32>, f0: vec3<f32>) -> vec3<f32> {
     let towards = vec3(parameters.rays.corner.w, parameters.rays.across.w, parameters.rays.down.w);
-    let normal = select(surface.normal, unpack_normal24(record.w), record.w >> 26u == MAPPED_NORMAL_EXPONENT);
+    let normal = unpack_normal24(record.mapped);
     let cosine = dot(normal, towards);
     if visible * cosine <= 0.0 {
         return vec3(0.0);
@@ -212,9 +211,9 @@ fn sunlight(record: vec4<u32>, visible: f32, surface: Surface, diffuse: vec3<f32
     let nv = max(dot(normal, view), 1e-4);
     let nh = clamp(dot(normal, half_way), 0.0, 1.0);
     let vh = clamp(dot(view, half_way), 0.0, 1.0);
-    let roughness = unpack_roughness(record.z);
-    let alpha = clamp(roughness * roughness + SUN_RADIUS, 1e-3, 1.0);
-    let a2 = alpha * alpha;
+    let roughness = roughness_of(record);
+    let alpha = max(roughness * roughness, 1e-3);
+    let a2 = min(alpha * alpha + parameters.sun_radius * parameters.sun_radius, 1.0);
     let grazing = 1.0 - vh;
     let fresnel = f0 + (1.0 - f0) * (grazing * grazing * (grazing * grazing) * grazing);
     let bell = nh * nh * (a2 - 1.0) + 1.0;
@@ -255,7 +254,7 @@ fn guided_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
 // How far what a traced pixel sees is from the shown eye, along its axis: 1 at the nearest depth, 0 infinitely
 // far away.
 fn shown_depth(at: vec2<u32>) -> f32 {
-    let depth = bitcast<f32>(visibility[place_in_band(at)].y);
+    let depth = visibility[place_in_band(at)].depth;
     if !(depth > 0.0) {
         return 0.0;
     }
@@ -267,7 +266,7 @@ fn shown_depth(at: vec2<u32>) -> f32 {
 // The colour of a pixel, with what its neighbour shares of it.
 fn guided_color(at: vec2<u32>) -> vec4<f32> {
     var record = visibility[place_in_band(at)];
-    let edge = edge_of(record.x);
+    let edge = edge_of(record.normal);
     let neighbour = vec2<u32>(vec2<i32>(at) + edge.step);
     // A neighbour beyond the band is not known here.
     let shared_row = neighbour.y - parameters.first_row < parameters.rows;
@@ -289,17 +288,17 @@ fn place_in_band(at: vec2<u32>) -> u32 {
 
 // `thorough`: whether more samples are looked at where few are on the pixel's surface; a neighbour's share at an edge
 // shows no difference.
-fn guided_radiance(at: vec2<u32>, record: vec4<u32>, thorough: bool) -> vec3<f32> {
+fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, thorough: bool) -> vec3<f32> {
     let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
-    let depth = bitcast<f32>(record.y);
-    let emission = unpack_emission(record.w);
+    let depth = record.depth;
+    let emission = unpack_emission(record.emission);
     if !(depth > 0.0) {
         return emission;
     }
     let place = vec2<f32>(at);
     let point = point_at(parameters.rays, place.x, place.y, depth);
-    let surface = Surface(place, unpack_normal24(record.x), point, parameters.pixel_width * depth, record.x >> 31u);
+    let surface = Surface(place, unpack_normal24(record.normal), point, parameters.pixel_width * depth, record.normal >> 31u);
     var light = Light(vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
     for (var slot = pixel; slot < parameters.neighbours * pixels; slot += pixels) {
         add(&light, surface, indices[slot] - parameters.first_sample, weights[slot], 0.0);
@@ -316,8 +315,8 @@ fn guided_radiance(at: vec2<u32>, record: vec4<u32>, thorough: bool) -> vec3<f32
         }
     }
     let scale = select(0.0, 1.0 / light.sum, light.sum > 0.0);
-    let base = unpack_base(record.z);
-    let metalness = unpack_metalness(record.z);
+    let base = base_of(record);
+    let metalness = metalness_of(record);
     let specular = max(mix(vec3(0.04), base, metalness), vec3(LEAST_F0));
     let diffuse = base * (1.0 - metalness);
     let visible = select(f32(surface.sun_centre), light.sun / light.sun_sum, light.sun_sum > 0.02);

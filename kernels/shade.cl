@@ -134,7 +134,7 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     sample->depth = 0.0f;
     sample->normal = 0;
     w->mask = 0;
-    if (hit.triangle == NONE) {
+    if (!IS_HIT(hit.triangle)) {
         if (!shading->guided)
             sample->radiance = background(scene, shading, d);
         return;

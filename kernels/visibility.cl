@@ -2,7 +2,7 @@
 
 static VisibilityRecord describe_background(const Scene *scene, const Shading *shading, float3 d)
 {
-    VisibilityRecord record = {0u, 0.0f, 0u, pack_emission(background(scene, shading, d))};
+    VisibilityRecord record = {0u, 0.0f, 0u, 0u, pack_emission(background(scene, shading, d)), 0u};
     return record;
 }
 
@@ -63,14 +63,14 @@ static uint8 pack_emissions(Vectors emission)
     return packed.vector;
 }
 
-// Normals are those of vertices, without normal maps, as in SampleRecord: they tell surfaces apart. With
-// the map they are needed where the sun shines, which only pixels know: those of `lit`.
+// Normals are those of vertices, without normal maps, as in SampleRecord: they tell surfaces apart. Those with the
+// map stand beside them.
 static void describe_group(const Scene *scene, const Camera *camera, const Facet *f, const Group *g, uint left, uint top,
                            ulong lit, __global VisibilityRecord *records)
 {
     __global const Material *material = f->material;
     Vectors base = bases_of(scene, f, g);
-    Words emission = {(uint8)0u}, normal, albedo;
+    Words emission = {(uint8)0u}, normal, map, colors, surface;
     if (material->unlit) {
         emission.vector = pack_emissions(base);
         base = everywhere((float3)(0.0f));
@@ -85,27 +85,21 @@ static void describe_group(const Scene *scene, const Camera *camera, const Facet
         metallic *= texel.z;
     }
 #endif
-    albedo.vector = pack_albedos(base, metallic, roughness);
+    colors.vector = pack_bases(base);
+    surface.vector = pack_surfaces(base, metallic, roughness);
     Vectors smooth = units_or(mix_vectors(f->normals[0], f->normals[1], f->normals[2], g->weights), f->geometric);
     normal.vector = pack_normals24(face_viewers(smooth, g->d, f->geometric));
-    bool mapped = false;
-    Words map;
+    map = normal;
 #if HAS_NORMAL_MAPS && HAS_TEXTURES
-    ulong here = 0ul;
-    for (uint i = 0; i < g->places.count; ++i)
-        here |= 1ul << g->places.place[i];
-    mapped = (lit & here) && material->textures[2].texture != NONE;
-    if (mapped)
-        map.vector = MAPPED_NORMAL | pack_normals24(face_viewers(mapped_normals(scene, f, g, smooth), g->d, f->geometric));
+    if (material->textures[2].texture != NONE)
+        map.vector = pack_normals24(face_viewers(mapped_normals(scene, f, g, smooth), g->d, f->geometric));
 #endif
     Lanes depth = {-dots_with(g->d, load3(camera->rotation[2])) * g->t};
     for (uint i = 0; i < g->places.count; ++i) {
         uint place = g->places.place[i];
         bool in_sun = (lit >> place & 1ul) != 0ul;
-        VisibilityRecord record = {normal.lane[i] | (in_sun ? SUN_VISIBLE : 0u), depth.lane[i], albedo.lane[i], emission.lane[i]};
-        // What shines itself needs the sun's shading less than its own light.
-        if (in_sun && mapped && record.emission == 0u)
-            record.emission = map.lane[i];
+        VisibilityRecord record = {normal.lane[i] | (in_sun ? SUN_VISIBLE : 0u), depth.lane[i], colors.lane[i],
+                                   surface.lane[i], emission.lane[i], map.lane[i]};
         records[(top + place / BLOCK) * camera->width + left + place % BLOCK] = record;
     }
 }

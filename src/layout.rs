@@ -87,8 +87,8 @@ fn constants() -> [(&'static str, u32); 6] {
         ("EMPTY", crate::bvh::wide::EMPTY),
         ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
+        ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
-        ("MAPPED_NORMAL", MAPPED_NORMAL),
     ]
 }
 
@@ -96,10 +96,10 @@ fn constants() -> [(&'static str, u32); 6] {
 pub const TRIANGLE_ALPHA: u32 = 1 << 26;
 /// Seen from behind too.
 pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+/// In [`HitRecord::triangle`]: nothing was traced here, and nobody may follow it.
+pub const UNTRACED: u32 = u32::MAX - 1;
 /// In [`VisibilityRecord::normal`]: the sun's centre is visible.
 pub const SUN_VISIBLE: u32 = 1 << 31;
-/// In [`VisibilityRecord::emission`]: an exponent that no emission has (see [`pack_emission`]) marks a normal.
-pub const MAPPED_NORMAL: u32 = 1 << 26;
 /// Materials at most: what [`Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 20;
 
@@ -127,7 +127,7 @@ pub struct SampleRecord {
     pub normal: u32,
 }
 
-/// What dense visibility knows of a pixel: 16 bytes.
+/// What dense visibility knows of a pixel: 24 bytes.
 pub struct VisibilityRecord {
     /// World-space normal, as in [`SampleRecord::normal`] (the map's would make neighbours on one surface
     /// look strange to each other), in the low 24 bits. At an edge, bits 24 to 26 name one of the eight
@@ -136,17 +136,20 @@ pub struct VisibilityRecord {
     pub normal: u32,
     /// View-space depth (-z) of the hit in metres; 0 where the background is seen.
     pub depth: f32,
-    /// Base colour, three 8-bit unorms of its square root (R in the low byte), then metalness (low)
-    /// and perceptual roughness (high) as 4-bit unorms in the high byte, both of the nearest texel.
-    pub albedo: u32,
-    /// Emitted radiance, or the background's: see [`pack_emission`]. Where the sun's centre is seen, a surface that
-    /// has a normal map and emits nothing has [`MAPPED_NORMAL`] here, and in the low 24 bits the normal with its map.
+    /// Base colour's red and green: 16-bit unorms of their square roots, red in the low half.
+    pub base: u32,
+    /// The root of its blue as a 12-bit unorm in the low bits, then metalness as an 8-bit and perceptual
+    /// roughness as a 12-bit one, both of the nearest texel.
+    pub surface: u32,
+    /// Emitted radiance, or the background's: see [`pack_emission`].
     pub emission: u32,
+    /// World-space normal with the surface's normal map, packed as `normal`; the same one without a map.
+    pub mapped: u32,
 }
 
 /// A camera ray's first hit: 8 bytes.
 pub struct HitRecord {
-    /// Place of the triangle in leaf order; `u32::MAX` for a miss.
+    /// Place of the triangle in leaf order; `u32::MAX` for a miss, [`UNTRACED`] where no ray was traced yet.
     pub triangle: u32,
     /// Distance along the normalised ray in metres.
     pub t: f32,
@@ -351,6 +354,17 @@ pub fn unpack_emission(packed: u32) -> [f32; 3] {
         (packed & 511) as f32 / 512.0 * scale,
         (packed >> 9 & 511) as f32 / 512.0 * scale,
         (packed >> 18 & 255) as f32 / 256.0 * scale,
+    ]
+}
+
+/// Packs a base colour, metalness and roughness, each clamped to 0 to 1, as [`VisibilityRecord::base`] and
+/// [`VisibilityRecord::surface`] have them.
+pub fn pack_surface(base: [f32; 3], metalness: f32, roughness: f32) -> [u32; 2] {
+    let code = |v: f32, most: f32| (v.clamp(0.0, 1.0) * most + 0.5) as u32;
+    let root = base.map(|c| c.max(0.0).sqrt());
+    [
+        code(root[0], 65535.0) | code(root[1], 65535.0) << 16,
+        code(root[2], 4095.0) | code(metalness, 255.0) << 12 | code(roughness, 4095.0) << 20,
     ]
 }
 

@@ -81,10 +81,12 @@ static uint8 pack_normals24(Vectors n)
 
 static uint8 codes(float8 v, float most) { return convert_uint8(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
 
-static uint8 pack_albedos(Vectors base, float8 metallic, float8 roughness)
+// As VisibilityRecord has them.
+static uint8 pack_bases(Vectors base) { return codes(sqrt(base.x), 65535.0f) | codes(sqrt(base.y), 65535.0f) << 16; }
+
+static uint8 pack_surfaces(Vectors base, float8 metallic, float8 roughness)
 {
-    return codes(sqrt(base.x), 255.0f) | codes(sqrt(base.y), 255.0f) << 8 | codes(sqrt(base.z), 255.0f) << 16 |
-           codes(metallic, 15.0f) << 24 | codes(roughness, 15.0f) << 28;
+    return codes(sqrt(base.z), 4095.0f) | codes(metallic, 255.0f) << 12 | codes(roughness, 4095.0f) << 20;
 }
 
 #if HAS_TEXTURES

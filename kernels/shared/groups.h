@@ -99,7 +99,7 @@ static ulong find_groups(const Scene *scene, const Camera *camera, __global cons
             uint i = BLOCK * y + x;
             block.triangle[i] = hit.triangle;
             block.t[i] = hit.t;
-            *(hit.triangle == NONE ? &background : &waiting) |= 1ul << i;
+            *(IS_HIT(hit.triangle) ? &waiting : &background) |= 1ul << i;
         }
     g->count = 0u;
     for (uint facets = 0; waiting; ++facets) {

@@ -6,6 +6,8 @@
 
 #define PI 3.14159265358979f
 #define NONE 0xffffffffu
+// Whether a hit record names a triangle: not where the ray met none, nor where none was traced.
+#define IS_HIT(triangle) ((triangle) < UNTRACED)
 
 static float3 load3(const float *v) { return (float3)(v[0], v[1], v[2]); }
 static float3 gload3(__global const float *v) { return (float3)(v[0], v[1], v[2]); }
@@ -154,14 +156,4 @@ static uint pack_emission(float3 rgb)
     uint g = min((uint)(f.y * 512.0f + 0.5f), 511u);
     uint b = min((uint)(f.z * 256.0f + 0.5f), 255u);
     return r | g << 9 | b << 18 | (uint)(exponent + 31) << 26;
-}
-
-static uint unorm8(float v) { return (uint)(clamp(v, 0.0f, 1.0f) * 255.0f + 0.5f); }
-
-static uint pack_albedo(float3 base, float metallic, float roughness)
-{
-    uint metal4 = (uint)(clamp(metallic, 0.0f, 1.0f) * 15.0f + 0.5f);
-    uint rough4 = (uint)(clamp(roughness, 0.0f, 1.0f) * 15.0f + 0.5f);
-    float3 root = sqrt(max(base, 0.0f));
-    return unorm8(root.x) | unorm8(root.y) << 8 | unorm8(root.z) << 16 | metal4 << 24 | rough4 << 28;
 }

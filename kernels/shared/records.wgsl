@@ -36,19 +36,28 @@ fn unpack_normal24(packed: u32) -> vec3<f32> {
     return normalize(vec3(x + select(fold, -fold, x >= 0.0), y + select(fold, -fold, y >= 0.0), z));
 }
 
-// Three 8-bit unorms of the base colour's square root.
-fn unpack_base(packed: u32) -> vec3<f32> {
-    let root = vec3<f32>(vec3(packed, packed >> 8u, packed >> 16u) & vec3(255u)) / 255.0;
+// As src/layout.rs has it.
+struct VisibilityRecord {
+    normal: u32,
+    depth: f32,
+    base: u32,
+    surface: u32,
+    emission: u32,
+    mapped: u32,
+}
+
+fn base_of(record: VisibilityRecord) -> vec3<f32> {
+    let codes = vec3(record.base & 0xffffu, record.base >> 16u, record.surface & 4095u);
+    let root = vec3<f32>(codes) * vec3(1.0 / 65535.0, 1.0 / 65535.0, 1.0 / 4095.0);
     return root * root;
 }
 
-// 4-bit unorms.
-fn unpack_roughness(packed: u32) -> f32 {
-    return f32(packed >> 28u) / 15.0;
+fn metalness_of(record: VisibilityRecord) -> f32 {
+    return f32(record.surface >> 12u & 255u) / 255.0;
 }
 
-fn unpack_metalness(packed: u32) -> f32 {
-    return f32(packed >> 24u & 15u) / 15.0;
+fn roughness_of(record: VisibilityRecord) -> f32 {
+    return f32(record.surface >> 20u) / 4095.0;
 }
 
 // R9 G9 B8 and a 6-bit exponent.

@@ -10,8 +10,10 @@ typedef struct {
 typedef struct {
     uint normal;
     float depth;
-    uint albedo;
+    uint base;
+    uint surface;
     uint emission;
+    uint mapped;
 } VisibilityRecord;
 
 typedef struct {
@@ -117,5 +119,5 @@ typedef struct {
 #define EMPTY 0xffffffffu
 #define TRIANGLE_ALPHA 0x4000000u
 #define TRIANGLE_DOUBLE_SIDED 0x8000000u
+#define UNTRACED 0xfffffffeu
 #define SUN_VISIBLE 0x80000000u
-#define MAPPED_NORMAL 0x4000000u

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
 
-use crate::config::{Config, Layers, Method, Stereo};
+use crate::config::{Config, Layers, Method, ReconstructionConfig, Samples, Stereo};
 use crate::error::{Error, Result};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
@@ -138,6 +138,18 @@ impl RenderOptions {
     /// The effective configuration.
     pub fn config(&self) -> Result<Config> {
         self.config_over(Layers::default())
+    }
+
+    /// The same for one picture: a sample at each pixel is shown as it is, unless a reconstruction is asked for.
+    pub fn config_for_picture(&self) -> Result<Config> {
+        let layers = self.layers(Layers::default())?;
+        let mut config = self.finished(&layers)?;
+        let reconstructed = ["reconstruction.method", "reconstruction.k"].iter().any(|key| layers.gives(key));
+        if config.foveation.samples == Samples::Full && !reconstructed {
+            config.reconstruction =
+                ReconstructionConfig { method: Method::KNearest, k: 1, ..config.reconstruction };
+        }
+        Ok(config)
     }
 
     /// The same over other defaults than the usual ones.

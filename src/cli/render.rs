@@ -52,7 +52,7 @@ struct Summary {
 pub fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
     let kind = file_kind(&args.out)?;
-    let config = chosen(args.options.config()?)?;
+    let config = chosen(args.options.config_for_picture()?)?;
     // Nobody should wait for a picture that has no place to go.
     whole_file::check(&args.out)?;
     let (machine, loaded) = open(&args.scene, &config)?;

@@ -150,7 +150,8 @@ struct PixelParameters {
     sample_neighbours: u32,
     sun: [f32; 3],
     nearest_depth: f32,
-    padding: [u32; 2],
+    sun_radius: f32,
+    padding: u32,
 }
 
 impl Reconstruction {
@@ -397,7 +398,8 @@ fn draw(
             sample_neighbours: tables.neighbours,
             sun: frame.sun.map_or([0.0; 3], |sun| (sun.radiance * sun.solid_angle() as f32).to_array()),
             nearest_depth: NEAREST_DEPTH,
-            padding: [0; 2],
+            sun_radius: frame.sun.map_or(0.0, |sun| (0.5 * (1.0 - sun.cos_radius)).sqrt()),
+            padding: 0,
         };
         let first_sample = band.first_sample as usize;
         let prepared = tables.prepared().part(first_sample * PREPARED_BYTES, band.samples * PREPARED_BYTES);

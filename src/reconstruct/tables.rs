@@ -320,8 +320,8 @@ impl Tables {
 /// Rows of each band: as many as one binding reaches, for tables of `k` and for visibility.
 fn band_rows(context: &Context, (width, height): (u32, u32), k: u32) -> Vec<(u32, u32)> {
     let row = u64::from(width) * u64::from(4 * k).max(size_of::<VisibilityRecord>() as u64);
-    // Sixteen rows of visibility begin at a multiple of 256 bytes, the most that a device asks for.
-    let rows = (context.storage_range() / row / 16 * 16).clamp(16, u64::from(height.next_multiple_of(16)));
+    // After 64 rows of words a part begins at a multiple of 256 bytes, the most that a device asks for.
+    let rows = (context.storage_range() / row / 64 * 64).clamp(64, u64::from(height.next_multiple_of(64)));
     (0..height).step_by(rows as usize).map(|first| (first, (rows as u32).min(height - first))).collect()
 }
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::gpu::vulkan::{Format, Image, testing};
-use crate::layout::{pack_emission, pack_normal24};
+use crate::layout::{pack_emission, pack_normal24, pack_surface};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
 
@@ -100,9 +100,10 @@ fn nothing(_: u32, _: u32) -> VisibilityRecord {
     VisibilityRecord::default()
 }
 
-/// Three unorms of the root, as [`VisibilityRecord::albedo`].
-fn albedo(codes: [u32; 3]) -> (u32, [f32; 3]) {
-    (codes[0] | codes[1] << 8 | codes[2] << 16, codes.map(|code| (code as f32 / 255.0).powi(2)))
+/// A surface without a normal map that emits nothing.
+fn seen(normal: u32, depth: f32, base: [f32; 3], metalness: f32) -> VisibilityRecord {
+    let [base, surface] = pack_surface(base, metalness, 0.0);
+    VisibilityRecord { normal, depth, base, surface, mapped: normal, emission: 0 }
 }
 
 #[test]
@@ -118,19 +119,16 @@ fn a_constant_stays_constant() {
         let facing = normal(&bench.view, TOWARD);
         // Every other pixel is metal, with no F0 in blue.
         let metal = |x: u32| x % 2;
-        let colour = |x: u32| albedo([255, 40 + 20 * (x % 7), 128 * (1 - metal(x))]);
+        let colour = |x: u32| [1.0, 0.1 + 0.1 * (x % 7) as f32, 0.3 * (1 - metal(x)) as f32];
         let picture = bench.render(
             |_, _| SampleRecord { first: [2.0, 3.0, 4.0], depth: 5.0, second: [0.5; 3], normal: facing },
-            |x, _| {
-                let albedo = colour(x).0 | (15 * metal(x)) << 24;
-                VisibilityRecord { normal: facing, depth: 5.0, albedo, emission: 0 }
-            },
+            |x, _| seen(facing, 5.0, colour(x), metal(x) as f32),
         );
         for (index, pixel) in picture.iter().enumerate() {
-            let (a, m) = (colour(index as u32 % size.0).1, metal(index as u32 % size.0) as f32);
+            let (a, m) = (colour(index as u32 % size.0), metal(index as u32 % size.0) as f32);
             let f0 = a.map(|a| (0.04 * (1.0 - m) + a * m).max(1e-3));
             let expected = [0, 1, 2].map(|c| (2.0 + c as f32) * (1.0 - m) * a[c] + 0.5 * f0[c]);
-            assert_close(*pixel, expected, 1e-5, index);
+            assert_close(*pixel, expected, 3e-4, index);
         }
     }
     testing::assert_valid(&context);
@@ -157,7 +155,6 @@ fn light_does_not_leak_over_edges() {
     let size = (64, 40);
     let mut bench = Bench::new(&context, Mode::default(), size, scattered(300, size.0, size.1));
     let (facing, upward) = (normal(&bench.view, TOWARD), normal(&bench.view, [0.0, 1.0, 0.0]));
-    let white = albedo([255; 3]).0;
     let light = |x: u32| if x < 32 { 1.0 } else { 100.0 };
     // An edge in depth, then one in normals.
     for edge in ["depth", "normal"] {
@@ -170,7 +167,7 @@ fn light_does_not_leak_over_edges() {
                 second: [0.0; 3],
                 normal: facing(x),
             },
-            |x, _| VisibilityRecord { normal: facing(x), depth: depth(x), albedo: white, emission: 0 },
+            |x, _| seen(facing(x), depth(x), [1.0; 3], 0.0),
         );
         // Pixels with a sample of their own surface among the nearest; others borrow, by design.
         let good = |&(index, pixel): &(usize, &[f32; 4])| {
@@ -183,7 +180,7 @@ fn light_does_not_leak_over_edges() {
     // Without the edge in the records the light must leak: the count above can fail.
     let picture = bench.render(
         |x, _| SampleRecord { first: [light(x); 3], depth: 9.0, second: [0.0; 3], normal: facing },
-        |_, _| VisibilityRecord { normal: facing, depth: 9.0, albedo: white, emission: 0 },
+        |_, _| seen(facing, 9.0, [1.0; 3], 0.0),
     );
     let between = picture.iter().filter(|pixel| (3.0..97.0).contains(&pixel[0])).count();
     assert!(between > 100, "{between}");
@@ -231,7 +228,6 @@ fn a_slanted_floor_is_one_surface() {
         if toward.y < -0.02 { (-1.5 / toward.y) as f32 } else { 0.0 }
     };
     let checker = |x: u32, y: u32| ((x + y) % 2) as f32;
-    let white = albedo([255; 3]).0;
     let picture = bench.render(
         |x, y| SampleRecord {
             first: [checker(x, y); 3],
@@ -239,7 +235,7 @@ fn a_slanted_floor_is_one_surface() {
             second: [0.0; 3],
             normal: floor,
         },
-        |x, y| VisibilityRecord { normal: floor, depth: depth(x, y), albedo: white, emission: 0 },
+        |x, y| seen(floor, depth(x, y), [1.0; 3], 0.0),
     );
     // The filter averages a checkerboard's light over the whole floor, up to chance.
     let floor: Vec<f32> =
@@ -268,7 +264,6 @@ fn what_is_not_finite_does_not_spread() {
 
         let mut bench = Bench::new(&context, Mode::default(), size, samples.clone());
         let facing = normal(&bench.view, TOWARD);
-        let white = albedo([255; 3]).0;
         let good = SampleRecord { first: [2.0; 3], depth: 4.0, second: [1.0; 3], normal: facing };
         for part in 0..3 {
             let record = |x, y| {
@@ -282,8 +277,7 @@ fn what_is_not_finite_does_not_spread() {
                 }
                 record
             };
-            let seen = VisibilityRecord { normal: facing, depth: 4.0, albedo: white, emission: 0 };
-            let picture = bench.render(record, |_, _| seen);
+            let picture = bench.render(record, |_, _| seen(facing, 4.0, [1.0; 3], 0.0));
             assert_eq!(bench.reconstruction.dropped(0), count);
             for (index, pixel) in picture.iter().enumerate() {
                 assert_close(*pixel, [2.0 + 0.04; 3], 1e-4, (index, part, wrong));
@@ -300,7 +294,6 @@ fn a_thin_thing_without_samples_takes_its_neighbours_light() {
     let samples = scattered(80, size.0, size.1);
     let mut bench = Bench::new(&context, Mode::default(), size, samples);
     let (facing, sideways) = (normal(&bench.view, TOWARD), normal(&bench.view, [1.0, 0.0, 0.0]));
-    let white = albedo([255; 3]).0;
     // A wire before a wall, then before the background: no sample hits the wire.
     for wall in [8.0, 0.0] {
         let record = |x: u32, _: u32| SampleRecord {
@@ -310,13 +303,8 @@ fn a_thin_thing_without_samples_takes_its_neighbours_light() {
             normal: facing,
         };
         let picture = bench.render(record, |x, _| match x {
-            15 => VisibilityRecord { normal: sideways, depth: 2.0, albedo: white, emission: 0 },
-            _ => VisibilityRecord {
-                normal: facing,
-                depth: wall,
-                albedo: white,
-                emission: pack_emission([0.5; 3]),
-            },
+            15 => seen(sideways, 2.0, [1.0; 3], 0.0),
+            _ => VisibilityRecord { emission: pack_emission([0.5; 3]), ..seen(facing, wall, [1.0; 3], 0.0) },
         });
         for y in 0..32 {
             let wire = picture[y * 32 + 15];

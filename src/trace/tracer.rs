@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
-use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
+use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
@@ -205,7 +205,7 @@ impl Tracer {
             shade_samples: programs.bundles.as_ref().unwrap_or(program).kernel("shade_samples")?,
             pack_visibility: program.kernel("pack_visibility")?,
             counters: Buffer::new(device, 2)?,
-            hits: Buffer::new(device, 1)?,
+            hits: untraced(device, 1)?,
             device: device.clone(),
         })
     }
@@ -268,7 +268,7 @@ impl Tracer {
         );
         let needed = if settings.guided { view.pixels() } else { pattern.whole.samples.len() };
         if self.hits.len() < needed {
-            self.hits = Buffer::new(&self.device, needed)?;
+            self.hits = untraced(&self.device, needed)?;
         }
         self.counters.write(&[0, 0])?;
         let camera = camera(view, self.anchor, settings);
@@ -489,6 +489,11 @@ impl Tracer {
         let items = walk.items_of_streams(part.samples.len(), &self.device);
         self.shade_samples.launch(&args, items, walk.group_of_streams())
     }
+}
+
+/// Hits that nothing was traced for: a kernel that reads one by mistake finds no triangle to follow.
+fn untraced(device: &Device, count: usize) -> Result<Buffer<HitRecord>> {
+    Buffer::from_slice(device, &vec![HitRecord { triangle: UNTRACED, t: 0.0 }; count])
 }
 
 /// A view as kernels see it. The eye's position is split in two floats, so that a head far from the

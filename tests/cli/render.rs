@@ -101,6 +101,22 @@ fn every_flag_changes_the_picture() {
     }
 }
 
+/// A sample at each pixel is shown as it is: records' steps and averages are for fewer, or for those who ask.
+#[test]
+fn all_samples_are_shown_as_they_are_unless_a_reconstruction_is_asked_for() {
+    let folder = folder();
+    let with = |flags: &str| {
+        let small = SMALL.replace(" --samples 300", "").replace(" --reconstruct k-nn", "");
+        foveate(folder.path(), &format!("{small} --out it.png --samples full {flags}")).succeeds();
+        png(folder.path().join("it.png"))
+    };
+    let plain = with("");
+    assert_eq!(differing(&plain, &with("--reconstruct k-nn --k 1")), 0);
+    for asked in ["--reconstruct guided", "--set reconstruction.method='guided'", "--k 4"] {
+        assert!(differing(&plain, &with(asked)) > 100, "{asked}");
+    }
+}
+
 #[test]
 fn settings_come_from_files_then_assignments_then_flags() {
     let folder = folder();

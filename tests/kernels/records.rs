@@ -1,7 +1,7 @@
 //! What the kernels write besides radiance: visibility, guided samples, the same bits for the same seed.
 
 use foveate::gpu::opencl::Device;
-use foveate::layout::{MAPPED_NORMAL, SUN_VISIBLE, SampleRecord, unpack_emission, unpack_normal24};
+use foveate::layout::{SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};
@@ -45,8 +45,14 @@ fn still_life() -> Scene {
     scene
 }
 
-fn root_code(packed: u32, channel: u32) -> f64 {
-    f64::from(packed >> (8 * channel) & 255)
+/// The roots of a base colour, metalness and roughness, and how far each may be off by its code's length.
+fn described(record: &VisibilityRecord) -> [(f64, f64); 5] {
+    let part = |packed: u32, shift: u32, bits: u32| {
+        let most = f64::from((1u32 << bits) - 1);
+        (f64::from(packed >> shift & ((1u32 << bits) - 1)) / most, 0.51 / most)
+    };
+    let (base, surface) = (record.base, record.surface);
+    [part(base, 0, 16), part(base, 16, 16), part(surface, 0, 12), part(surface, 12, 8), part(surface, 20, 12)]
 }
 
 #[test]
@@ -63,7 +69,11 @@ fn visibility_is_what_the_reference_sees() {
             let emitted = DVec3::from(unpack_emission(record.emission).map(f64::from));
             let Some(hit) = tracer.closest(&ray, f64::INFINITY) else {
                 let sky = reference::light::background(&light, ray.direction);
-                assert_eq!((record.depth, record.normal, record.albedo), (0.0, 0, 0), "{pixel}");
+                assert_eq!(
+                    (record.depth, record.normal, record.base, record.surface),
+                    (0.0, 0, 0, 0),
+                    "{pixel}"
+                );
                 assert!((emitted - sky).abs().max_element() < sky.max_element() / 250.0, "{pixel}");
                 skies += 1;
                 continue;
@@ -78,16 +88,11 @@ fn visibility_is_what_the_reference_sees() {
             assert!((f64::from(record.depth) - depth).abs() < 1e-5 * depth, "{pixel}: {record:?} {depth}");
             let normal = DVec3::from(unpack_normal24(record.normal).map(f64::from));
             assert!(normal.distance(surface.normal) < 1.5e-3, "{pixel}: {normal} {}", surface.normal);
-            for channel in 0..3 {
-                let code = surface.base_color[channel as usize].sqrt() * 255.0;
-                assert!(
-                    (root_code(record.albedo, channel) - code).abs() < 0.51,
-                    "{pixel}: {record:?} {code}"
-                );
+            let [r, g, b] = surface.base_color.to_array().map(f64::sqrt);
+            let expected = [r, g, b, surface.metallic, surface.roughness];
+            for ((found, allowed), right) in described(record).into_iter().zip(expected) {
+                assert!((found - right).abs() < allowed, "{pixel}: {record:?} {right}");
             }
-            let four = |shift: u32| f64::from(record.albedo >> shift & 15) / 15.0;
-            assert!((four(24) - surface.metallic).abs() < 0.51 / 15.0, "{pixel}");
-            assert!((four(28) - surface.roughness).abs() < 0.51 / 15.0, "{pixel}");
             let off = (emitted - surface.emission).abs().max_element();
             assert!(off <= surface.emission.max_element() / 250.0, "{pixel}: {emitted}");
         }
@@ -125,7 +130,7 @@ fn pixels_see_the_sun_where_the_reference_does() {
     });
 }
 
-/// Where the sun shines on a normal map, its record holds both normals: the vertices' and the map's.
+/// A normal map's record holds both normals: the vertices' and the map's.
 #[test]
 fn mapped_normals_are_those_of_the_reference() {
     on_every_device(|device| {
@@ -147,8 +152,7 @@ fn mapped_normals_are_those_of_the_reference() {
             let ray = reference::camera_ray(&scene, &eye(), at);
             let Some(hit) = tracer.closest(&ray, f64::INFINITY) else { continue };
             let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
-            assert_eq!(record.emission >> 24, MAPPED_NORMAL >> 24, "{pixel}");
-            let found = DVec3::from(unpack_normal24(record.emission).map(f64::from));
+            let found = DVec3::from(unpack_normal24(record.mapped).map(f64::from));
             assert!(found.distance(surface.normal) < 3e-3, "{pixel}: {found} {}", surface.normal);
             assert!(unpack_normal24(record.normal)[1] > 0.999, "{pixel}");
             checked += 1;

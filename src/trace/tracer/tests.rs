@@ -67,6 +67,44 @@ fn check(scene: &Scene) {
     }
 }
 
+/// Hits of what no device part traced are marked, and kernels that read them all the same follow none.
+#[test]
+fn hits_that_were_not_traced_are_marked_and_never_followed() {
+    let Some(info) = device::list().into_iter().next() else {
+        println!("not run: there is no OpenCL device");
+        return;
+    };
+    let device = Device::open(&info).unwrap();
+    let scene = Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap();
+    let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    let (light, _) = environment(&EnvironmentConfig::default()).unwrap();
+    let mut tracer = Tracer::new(&device, &scene, &bvh, &light).unwrap();
+    let fov = FieldOfView::symmetric(1.2, 2.0);
+    let world_from_eye = default_viewpoint(&scene, 70.0).world_from_eye;
+    let view = View { world_from_eye, fov, width: 128, height: 64 };
+    let pattern = tracer.pattern(&Pattern::new(&view, &Law::Full, DVec2::splat(0.5), view.pixels())).unwrap();
+    let samples = Buffer::new(&device, view.pixels()).unwrap();
+    let records = Buffer::from_slice(&device, &vec![VisibilityRecord::default(); view.pixels()]).unwrap();
+    let settings = Settings { rays: 4, bounces: 0, edge_rays: 2, guided: true, seed: 5, jitter: false };
+    // Neither tiles nor their ring: edges and samples are asked for what nobody has traced.
+    tracer.hits = untraced(&device, view.pixels()).unwrap();
+    let camera = camera(&view, tracer.anchor, &settings);
+    let shading = layout::Shading { guided: 1, hits_per_pixel: 1, rays: 4, ..tracer.scene.shading };
+    tracer.share_edges(&camera, 2, &pattern, &pattern.whole, &records).unwrap();
+    tracer.shade(&camera, &shading, &pattern, &pattern.whole, Some(&records), &samples).unwrap();
+    device.finish().unwrap();
+    assert!(samples.to_vec().unwrap().iter().all(|sample| sample.depth == 0.0));
+    // A part leaves the rest as it was.
+    let part = Part { samples: 0..0, tiles: 0..1, first_traced: 0 };
+    let work = tracer.enqueue_parts(&view, &settings, &pattern, &[part], &samples, Some(&records)).unwrap();
+    tracer.finish(work).unwrap();
+    let hits = tracer.hits(view.pixels()).unwrap();
+    let marked = hits.iter().filter(|hit| hit.triangle == UNTRACED).count();
+    assert!((view.pixels() / 2..view.pixels() - 256 + 1).contains(&marked), "{marked}");
+    let known = |hit: &&HitRecord| hit.triangle < UNTRACED && hit.triangle as usize >= bvh.order.len();
+    assert_eq!(hits.iter().find(known), None);
+}
+
 #[test]
 fn blocks_hit_what_streams_hit_in_the_demo_scene() {
     check(&Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap());
