@@ -160,8 +160,9 @@ static bool end_sample(const Shading *shading, const Sample *sample, __global Sa
     float3 first = sample->radiance, second = 0.0f;
     float depth = sample->depth;
     if (shading->guided) {
-        first = sample->sum.diffuse;
-        second = sample->sum.specular;
+        Reflection light = without_colors(&sample->surface, sample->f0, sample->sum);
+        first = light.diffuse;
+        second = light.specular;
     } else if (sample->lit) {
         first += diffuse_color(&sample->surface) * sample->sum.diffuse + specular_scale(sample->f0) * sample->sum.specular;
     }

@@ -23,9 +23,8 @@ static Vectors bases_of(const Scene *scene, const Facet *f, const Group *g)
     Vectors base = color_of(scene, g, gload3(f->material->base_color), &f->material->textures[0]);
 #if HAS_VERTEX_COLORS
     if (scene->colors) {
-        float4 a = convert_float4(as_uchar4(scene->colors[f->index.x])), b = convert_float4(as_uchar4(scene->colors[f->index.y]));
-        float4 c = convert_float4(as_uchar4(scene->colors[f->index.z]));
-        Vectors tint = scaled(mix_vectors(a.xyz, b.xyz, c.xyz, g->weights), (float8)(1.0f / 255.0f));
+        float4 a = vload_half4(f->index.x, scene->colors), b = vload_half4(f->index.y, scene->colors);
+        Vectors tint = mix_vectors(a.xyz, b.xyz, vload_half4(f->index.z, scene->colors).xyz, g->weights);
         base = (Vectors){base.x * tint.x, base.y * tint.y, base.z * tint.z};
     }
 #endif
@@ -84,6 +83,10 @@ static void describe_group(const Scene *scene, const Camera *camera, const Facet
         roughness *= texel.y;
         metallic *= texel.z;
     }
+#endif
+#if HAS_VERTEX_COLORS
+    // Colours above 1 keep their hue; what is above is in the samples: see `recorded_base`.
+    base = scaled(base, 1.0f / max(max(max(base.x, base.y), base.z), 1.0f));
 #endif
     colors.vector = pack_bases(base);
     surface.vector = pack_surfaces(base, metallic, roughness);

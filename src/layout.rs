@@ -368,6 +368,13 @@ pub fn pack_surface(base: [f32; 3], metalness: f32, roughness: f32) -> [u32; 2] 
     ]
 }
 
+/// Undoes [`pack_surface`]: base colour, metalness and roughness.
+pub fn unpack_surface([base, surface]: [u32; 2]) -> ([f32; 3], f32, f32) {
+    let code = |bits: u32, most: u32| (bits & most) as f32 / most as f32;
+    let root = [code(base, 65535), code(base >> 16, 65535), code(surface, 4095)];
+    (root.map(|c| c * c), code(surface >> 12, 255), code(surface >> 20, 4095))
+}
+
 /// Packs a unit vector octahedrally into two 16-bit snorms (Cigolle et al. 2014), x in the low half.
 pub fn pack_normal(n: [f32; 3]) -> u32 {
     let sum = n[0].abs() + n[1].abs() + n[2].abs();

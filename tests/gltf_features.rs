@@ -370,6 +370,21 @@ fn vertex_colours_are_kept_unless_white() {
 }
 
 #[test]
+fn vertex_colours_keep_their_steps_and_what_is_above_one() {
+    let mut builder = one_triangle(json!({}));
+    let codes: Vec<u8> =
+        [1u16, 2, 3, 40_000, 65_535, 0, 9, 8, 7].iter().flat_map(|c| c.to_le_bytes()).collect();
+    let colors = builder.accessor(&codes, 5123, "VEC3", 3);
+    builder.json["accessors"][colors]["normalized"] = json!(true);
+    builder.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(colors);
+    let bright = builder.floats(&[[0.5, 3.0, 1e9], [0.0, -1.0, f32::NAN], [1.0, 1.0, 1.0]]);
+    builder.place(json!({ "attributes": { "POSITION": 0, "COLOR_0": bright } }), json!({}));
+    let found = builder.load().unwrap().mesh.colors;
+    assert_eq!(found[0], Vec4::new(1.0 / 65535.0, 2.0 / 65535.0, 3.0 / 65535.0, 1.0));
+    assert_eq!(found[3..5], [Vec4::new(0.5, 3.0, 65504.0, 1.0), Vec4::new(0.0, 0.0, 1.0, 1.0)]);
+}
+
+#[test]
 fn alpha_that_never_hides_anything_is_opaque() {
     let load = |mode: &str, factor: f32, texel: u8, vertex: f32| {
         let mut builder = with_material(|builder| {

@@ -17,6 +17,27 @@ static float3 specular_scale(float3 f0) { return max(f0, 0.001f); }
 
 static float3 diffuse_color(const Surface *s) { return s->base * (1.0f - s->metallic); }
 
+// The base colour as VisibilityRecord can hold it: none above 1, which only vertex colours reach.
+static float3 recorded_base(float3 base)
+{
+#if HAS_VERTEX_COLORS
+    return base / max(max3(base), 1.0f);
+#else
+    return base;
+#endif
+}
+
+// A guided sample's light: divided by the colours that its pixels multiply it by, which are the record's.
+static Reflection without_colors(const Surface *s, float3 f0, Reflection r)
+{
+#if HAS_VERTEX_COLORS
+    float3 recorded = mix((float3)(0.04f), recorded_base(s->base), s->metallic);
+    r.diffuse *= max(max3(s->base), 1.0f);
+    r.specular *= specular_scale(f0) / specular_scale(recorded);
+#endif
+    return r;
+}
+
 // GGX's density of microfacet normals at unit h.
 static float ggx(const Surface *s, float3 h)
 {

@@ -15,7 +15,7 @@ typedef struct {
     __global const float4 *tangents;
     __global const float2 *uv0;
     __global const float2 *uv1;
-    __global const uint *colors;
+    __global const half *colors; // four for each vertex
     __global const Material *materials;
     __global const TextureInfo *textures;
     __global const uint *texels;
@@ -28,7 +28,7 @@ typedef struct {
 #define SCENE_PARAMETERS                                                                            \
     __global const Node *nodes, __global const float *leaves, __global const Triangle *triangles,     \
         __global const uint *normals, __global const float4 *tangents, __global const float2 *uv0,   \
-        __global const float2 *uv1, __global const uint *colors, __global const Material *materials, \
+        __global const float2 *uv1, __global const half *colors, __global const Material *materials, \
         __global const TextureInfo *textures, __global const uint *texels, __global const float *srgb, \
         __global const Light *lights, \
         __global const EnvironmentTexel *environment, __global const Alias *alias

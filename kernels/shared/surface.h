@@ -124,9 +124,8 @@ static float4 vertex_color(const Scene *scene, uint3 index, float3 w)
 {
     if (!scene->colors)
         return 1.0f;
-    float4 a = convert_float4(as_uchar4(scene->colors[index.x])), b = convert_float4(as_uchar4(scene->colors[index.y]));
-    float4 c = convert_float4(as_uchar4(scene->colors[index.z]));
-    return (a * w.x + b * w.y + c * w.z) * (1.0f / 255.0f);
+    return vload_half4(index.x, scene->colors) * w.x + vload_half4(index.y, scene->colors) * w.y +
+           vload_half4(index.z, scene->colors) * w.z;
 }
 #endif
 

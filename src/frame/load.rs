@@ -1,5 +1,6 @@
 //! From files to what a renderer needs, and how long each step took.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::time::Instant;
 
@@ -9,8 +10,10 @@ use crate::bvh::WideBvh;
 use crate::bvh::cache::TreeCache;
 use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
+use crate::gpu::opencl::Device;
 use crate::scene::sky::Sky;
 use crate::scene::{Environment, Scene};
+use crate::trace::SceneData;
 
 /// A step of starting up.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -125,4 +128,50 @@ pub fn environment(config: &EnvironmentConfig) -> Result<(Environment, Vec<Strin
         }
     }
     Ok((environment, warnings))
+}
+
+/// The map as all of these devices can hold it beside a scene: averaged down where it takes more than an eighth of
+/// one's memory, or more than its largest buffer.
+pub fn fitting_environment<'a>(map: &'a Environment, devices: &[Device]) -> Cow<'a, Environment> {
+    let known = |bytes: u64| if bytes > 0 { bytes } else { u64::MAX };
+    let room = |device: &Device| {
+        let info = device.info();
+        known(info.memory / 8).min(known(info.largest_buffer))
+    };
+    fitting(map, devices.iter().map(room).min().unwrap_or(u64::MAX))
+}
+
+fn fitting(map: &Environment, room: u64) -> Cow<'_, Environment> {
+    let bytes = |factor: u64| {
+        u64::from(map.width).div_ceil(factor)
+            * u64::from(map.height).div_ceil(factor)
+            * SceneData::ENVIRONMENT_TEXEL_BYTES
+    };
+    // A map of one texel always fits.
+    let factor =
+        (1..=u64::from(map.width.max(map.height))).find(|&factor| bytes(factor) <= room).unwrap_or(1);
+    if factor == 1 { Cow::Borrowed(map) } else { Cow::Owned(map.reduced(factor as usize)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn maps_are_averaged_down_only_where_memory_demands_it() {
+        let map = Environment {
+            width: 8,
+            height: 4,
+            texels: vec![Vec3::splat(2.0); 32],
+            ..Environment::constant(Vec3::ONE)
+        };
+        let size = |room: u64| {
+            let map = fitting(&map, room * SceneData::ENVIRONMENT_TEXEL_BYTES);
+            assert!(map.texels.iter().all(|&texel| texel == Vec3::splat(2.0)));
+            (map.width, map.height)
+        };
+        assert_eq!([size(32), size(31), size(7)], [(8, 4), (4, 2), (3, 2)]);
+    }
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::DVec2;
 
 use super::crew::{Crew, DeviceShare};
-use super::load::{Loaded, Step, timed};
+use super::load::{Loaded, Step, fitting_environment, timed};
 use super::stereo::{Cut, Plan};
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
@@ -451,7 +451,8 @@ impl Renderer {
 
 /// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.
 fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
-    let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?);
+    let environment = fitting_environment(&loaded.environment, devices);
+    let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?);
     let walking = |device: &Device| (device.clone(), config.trace.walk.on(device).walks);
     Fleet::of_devices(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
 }

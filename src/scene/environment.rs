@@ -72,7 +72,8 @@ impl Environment {
     ///
     /// Maps wider than [`Environment::MAX_WIDTH`] texels are averaged down in linear light by the
     /// smallest whole factor that makes them fit. Channels that are not finite or are negative become 0.
-    /// Also returned: a sentence on each such repair.
+    /// What a `.hdr` file's EXPOSURE and COLORCORR lines say it was multiplied by is taken back.
+    /// Also returned: a sentence on each repair, and one where the map is not twice as wide as high.
     ///
     /// Errors, each naming the file: it cannot be read, is neither format by its name, is damaged, or is
     /// larger than [`Environment::MAX_FILE_SIZE`] (checked before the pixels are allocated).
@@ -81,10 +82,15 @@ impl Environment {
     }
 
     /// Maps that are wider are averaged down when they are read.
-    pub const MAX_WIDTH: u32 = 2048;
+    pub const MAX_WIDTH: u32 = 4096;
 
     /// Width and height above which a file is refused.
     pub const MAX_FILE_SIZE: [u32; 2] = [16384, 8192];
+
+    /// The map with `factor` times `factor` texels averaged into one, and the same sun.
+    pub fn reduced(&self, factor: usize) -> Self {
+        files::reduced(self, factor)
+    }
 
     /// The texel at `(x, y)`; x wraps round, y is clamped to the map.
     pub fn texel(&self, x: i64, y: i64) -> Vec3 {

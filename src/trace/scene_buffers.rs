@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use glam::Vec4;
+use half::f16;
 
 use super::{Walk, Walks};
 use crate::bvh::WideBvh;
@@ -30,7 +31,7 @@ pub struct SceneData {
     normals: Vec<u32>,
     tangents: Option<Vec<[f32; 4]>>,
     uvs: [Option<Vec<[f32; 2]>>; 2],
-    colors: Option<Vec<[u8; 4]>>,
+    colors: Option<Vec<[u16; 4]>>,
     materials: Vec<layout::Material>,
     textures: Option<Vec<layout::TextureInfo>>,
     texels: Option<Vec<[u8; 4]>>,
@@ -53,7 +54,7 @@ pub struct SceneBuffers {
     normals: Buffer<u32>,
     tangents: Option<Buffer<[f32; 4]>>,
     uvs: [Option<Buffer<[f32; 2]>>; 2],
-    colors: Option<Buffer<[u8; 4]>>,
+    colors: Option<Buffer<[u16; 4]>>,
     materials: Buffer<layout::Material>,
     textures: Option<Buffer<layout::TextureInfo>>,
     texels: Option<Buffer<[u8; 4]>>,
@@ -79,6 +80,10 @@ const SUN_SHARE: f32 = 0.125;
 const ENVIRONMENT_SHARE: f32 = 0.375;
 
 impl SceneData {
+    /// What a texel of the environment map takes of a device's memory, with its entry of the alias table.
+    pub const ENVIRONMENT_TEXEL_BYTES: u64 =
+        (size_of::<layout::EnvironmentTexel>() + size_of::<layout::Alias>()) as u64;
+
     /// Packs a scene.
     ///
     /// # Errors
@@ -258,8 +263,9 @@ impl SceneBuffers {
     }
 }
 
-fn pack_color(color: &Vec4) -> [u8; 4] {
-    color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)
+/// As half floats: their steps are finer than sRGB's of eight bits everywhere, and they go on above 1.
+fn pack_color(color: &Vec4) -> [u16; 4] {
+    color.to_array().map(|c| f16::from_f32(c.clamp(0.0, f16::MAX.to_f32())).to_bits())
 }
 
 fn pack_triangles(scene: &Scene, bvh: &WideBvh) -> Vec<layout::Triangle> {

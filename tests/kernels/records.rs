@@ -1,7 +1,7 @@
 //! What the kernels write besides radiance: visibility, guided samples, the same bits for the same seed.
 
 use foveate::gpu::opencl::Device;
-use foveate::layout::{SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
+use foveate::layout::{SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24, unpack_surface};
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};
@@ -186,6 +186,58 @@ fn blending_panes_let_the_sun_through_pixel_by_pixel() {
         // Five standard deviations of a fair coin.
         let off = (lit as f64 - pixels as f64 / 2.0).abs();
         assert!(pixels > 1000 && off < 2.5 * (pixels as f64).sqrt(), "{lit} of {pixels}");
+    });
+}
+
+/// Dark vertex colours have no bands: what eight linear bits cannot tell from black is there.
+#[test]
+fn dark_vertex_colours_are_those_of_the_file() {
+    on_every_device(|device| {
+        let mut scene = scene_of(vec![Material { unlit: true, ..matt(1.0) }]);
+        floor(&mut scene, 6.0, 0.0, 0);
+        scene.mesh.colors = [1e-4, 3e-4, 7e-4, 1.5e-3].map(|c| Vec4::new(c, 2.0 * c, 3.0 * c, 1.0)).to_vec();
+        let picture = Bench::new(device, &scene, &colourful()).trace(&eye(), &PLAIN, &all_pixels(&eye()));
+        let tracer = Tracer::new(&scene);
+        let mut checked = 0;
+        for (pixel, sample) in picture.samples.iter().enumerate() {
+            let at = DVec2::new((pixel % 48) as f64, (pixel / 48) as f64) + 0.5;
+            let ray = reference::camera_ray(&scene, &eye(), at);
+            let Some(hit) = tracer.closest(&ray, f64::INFINITY) else { continue };
+            let color = Surface::at(&tracer, &ray, &hit, TextureMode::Level0).base_color;
+            let off = DVec3::from(sample.first.map(f64::from)) - color;
+            assert!(off.abs().max_element() < 1e-3 * color.max_element(), "{pixel}: {off} of {color}");
+            checked += 1;
+        }
+        assert!(checked > 500, "{checked}");
+    });
+}
+
+/// A surface brighter than white is that bright in guided pictures too, whose records hold no more than white.
+#[test]
+fn vertex_colours_above_one_are_kept_in_guided_samples() {
+    on_every_device(|device| {
+        for metallic in [0.0, 0.8] {
+            let mut scene = scene_of(vec![Material { metallic, ..matt(1.0) }]);
+            floor(&mut scene, 6.0, 0.0, 0);
+            scene.mesh.colors = vec![Vec4::new(3.0, 1.5, 0.75, 1.0); 4];
+            let mut bench = Bench::new(device, &scene, &colourful());
+            let plain = bench.trace(&eye(), &PLAIN, &all_pixels(&eye()));
+            let guided = bench.trace(&eye(), &Settings { guided: true, ..PLAIN }, &all_pixels(&eye()));
+            let mut checked = 0;
+            for (pixel, record) in guided.visibility.iter().enumerate().filter(|(_, r)| r.depth > 0.0) {
+                let (bases, metallic, _) = unpack_surface([record.base, record.surface]);
+                for channel in 0..3 {
+                    let base = bases[channel];
+                    let f0 = 0.04 + (base - 0.04) * metallic;
+                    let (first, second) = (guided.samples[pixel].first, guided.samples[pixel].second);
+                    let sum = base * (1.0 - metallic) * first[channel] + f0 * second[channel];
+                    let whole = plain.samples[pixel].first[channel];
+                    assert!((sum / whole - 1.0).abs() < 0.01, "{pixel}, {channel}: {sum} is not {whole}");
+                }
+                checked += 1;
+            }
+            assert!(checked > 500, "{checked}");
+        }
     });
 }
 

@@ -7,7 +7,7 @@ use std::path::Path;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers, Vec2};
 use glam::Vec3;
 use image::ImageDecoder;
-use image::codecs::hdr::HdrDecoder;
+use image::codecs::hdr::{HdrDecoder, HdrMetadata};
 
 use super::Environment;
 use crate::error::{Error, Result};
@@ -43,12 +43,28 @@ pub(super) fn load(path: &Path) -> Result<(Environment, Vec<String>)> {
             path.display()
         ));
     }
+    if pixels.width != 2 * pixels.height {
+        warnings.push(format!(
+            "environment {}: it is {}x{} texels, and latitude-longitude maps are twice as wide as high; it is stretched to all directions. If it is a cross or a strip of a cube, convert it first.",
+            path.display(),
+            pixels.width,
+            pixels.height
+        ));
+    }
     let factor = pixels.width.div_ceil(Environment::MAX_WIDTH as usize);
     if factor > 1 {
         pixels = shrink(&pixels, factor);
     }
     let Pixels { width, height, texels } = pixels;
     Ok((Environment { width: width as u32, height: height as u32, texels, sun: None }, warnings))
+}
+
+/// See [`Environment::reduced`].
+pub(super) fn reduced(map: &Environment, factor: usize) -> Environment {
+    let (width, height) = (map.width as usize, map.height as usize);
+    let Pixels { width, height, texels } =
+        shrink(&Pixels { width, height, texels: map.texels.clone() }, factor);
+    Environment { width: width as u32, height: height as u32, texels, sun: map.sun }
 }
 
 /// Sets channels that are not finite or are negative to 0; returns how many texels had such.
@@ -107,10 +123,20 @@ fn load_hdr(path: &Path) -> Result<Pixels> {
     let (width, height) = decoder.dimensions();
     let (width, height) = (width as usize, height as usize);
     check_size(path, width, height)?;
+    let scale = radiance_scale(&decoder.metadata());
     let mut floats = vec![0.0f32; width * height * 3];
     decoder.read_image(bytemuck::cast_slice_mut(&mut floats)).map_err(damaged)?;
-    let texels = floats.chunks_exact(3).map(Vec3::from_slice).collect();
+    let texels = floats.chunks_exact(3).map(|texel| Vec3::from_slice(texel) * scale).collect();
     Ok(Pixels { width, height, texels })
+}
+
+/// What a Radiance picture's values are multiplied by to be radiance again: its header's EXPOSURE and COLORCORR
+/// lines tell what they have been multiplied by (Ward, "Real Pixels", Graphics Gems II). Lines that make no
+/// sense are as good as none.
+fn radiance_scale(header: &HdrMetadata) -> Vec3 {
+    let correction = header.color_correction.map_or(Vec3::ONE, Vec3::from);
+    let scale = (correction * header.exposure.unwrap_or(1.0)).recip();
+    if scale.is_finite() && scale.min_element() > 0.0 { scale } else { Vec3::ONE }
 }
 
 fn load_exr(path: &Path) -> Result<Pixels> {
@@ -239,11 +265,47 @@ mod tests {
     fn wide_maps_shrink_and_keep_their_light() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("wide.exr");
-        exr::prelude::write_rgb_file(&path, 4096, 4, |x, y| ((x % 2) as f32, y as f32, 1.0)).unwrap();
+        exr::prelude::write_rgb_file(&path, 8192, 4, |x, y| ((x % 2) as f32, y as f32, 1.0)).unwrap();
         let (map, _) = load(&path).unwrap();
-        assert_eq!((map.width, map.height), (2048, 2));
-        assert!(map.texels[..2048].iter().all(|&t| t == Vec3::new(0.5, 0.5, 1.0)));
-        assert!(map.texels[2048..].iter().all(|&t| t == Vec3::new(0.5, 2.5, 1.0)));
+        assert_eq!((map.width, map.height), (4096, 2));
+        assert!(map.texels[..4096].iter().all(|&t| t == Vec3::new(0.5, 0.5, 1.0)));
+        assert!(map.texels[4096..].iter().all(|&t| t == Vec3::new(0.5, 2.5, 1.0)));
+        let smaller = map.reduced(2);
+        assert_eq!((smaller.width, smaller.height), (2048, 1));
+        assert!(smaller.texels.iter().all(|&t| t == Vec3::new(0.5, 1.5, 1.0)));
+    }
+
+    #[test]
+    fn a_radiance_pictures_exposure_is_taken_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.hdr");
+        write_hdr(&path, 16, 8, |_| [1.0, 2.0, 4.0]);
+        let plain = std::fs::read(&path).unwrap();
+        let with = |lines: &str| {
+            // After the first line, which names the format.
+            let end = plain.iter().position(|&b| b == b'\n').unwrap() + 1;
+            std::fs::write(&path, [&plain[..end], lines.as_bytes(), &plain[end..]].concat()).unwrap();
+            load(&path).unwrap().0.texels[0]
+        };
+        assert_eq!(with(""), Vec3::new(1.0, 2.0, 4.0));
+        // Each line tells of a further change.
+        assert_eq!(with("EXPOSURE=2\nEXPOSURE= 4.0\n"), Vec3::new(1.0, 2.0, 4.0) / 8.0);
+        assert_eq!(with("EXPOSURE=0.5\nCOLORCORR=1 2 4\n"), Vec3::splat(2.0));
+        for nonsense in ["EXPOSURE=0\n", "EXPOSURE=nan\n", "EXPOSURE=-3\n", "EXPOSURE=inf\n"] {
+            assert_eq!(with(nonsense), Vec3::new(1.0, 2.0, 4.0), "{nonsense}");
+        }
+    }
+
+    #[test]
+    fn maps_that_are_not_twice_as_wide_as_high_are_told_of() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.hdr");
+        for (width, height, told) in [(16, 8, 0), (16, 16, 1), (12, 16, 1)] {
+            write_hdr(&path, width, height, |_| [1.0; 3]);
+            let (map, warnings) = load(&path).unwrap();
+            assert_eq!((map.width as usize, map.height as usize, warnings.len()), (width, height, told));
+            assert!(warnings.iter().all(|w| w.contains("16 texels") && w.contains("twice as wide")));
+        }
     }
 
     #[test]

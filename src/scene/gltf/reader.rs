@@ -17,6 +17,9 @@ use super::triangulate::{INDEX_TYPES, Mode, triangulate};
 pub const QUANTIZED: [Component; 5] =
     [Component::F32, Component::I8, Component::U8, Component::I16, Component::U16];
 
+/// Vertex colours are held to this, the largest that half floats have.
+const MAX_COLOR: f32 = 65504.0;
+
 /// Looks up the accessors of one primitive.
 pub struct Reader<'a> {
     document: &'a Document,
@@ -128,8 +131,10 @@ impl<'a> Reader<'a> {
             return Ok(None);
         };
         let accessor = accessor.always_normalized();
+        let sane = |c: f32| if c.is_nan() { 1.0 } else { c.clamp(0.0, MAX_COLOR) };
         let colors = gather(source, |vertex| {
-            Vec4::from(accessor.get::<4>(vertex).map(|c| if c.is_nan() { 1.0 } else { c.clamp(0.0, 1.0) }))
+            let color = Vec4::from(accessor.get::<4>(vertex).map(sane));
+            color.with_w(color.w.min(1.0))
         });
         Ok(colors.iter().any(|&color| color != Vec4::ONE).then_some(colors))
     }
