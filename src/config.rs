@@ -2,11 +2,13 @@
 //! A configuration is validated once and then only read.
 
 mod budget;
+mod exposure;
 pub mod preset;
 
 use std::path::{Path, PathBuf};
 
 pub use budget::{BudgetConfig, OperatingPoint, TRADED, TargetMs};
+pub use exposure::ExposureConfig;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
@@ -57,8 +59,10 @@ pub struct ViewConfig {
     pub ipd: f64,
     /// Vertical field of view in degrees of a camera that brings none.
     pub fov_y: f64,
-    /// Stops by which displayed pictures are brightened; linear EXR pictures are not.
-    pub exposure: f64,
+    /// How bright displayed pictures are; linear EXR pictures are not changed.
+    pub exposure: ExposureConfig,
+    /// The least and the most stops of automatic exposure.
+    pub exposure_range: [f64; 2],
 }
 
 /// How both eyes get their pictures.
@@ -343,7 +347,15 @@ impl Default for HeadsetConfig {
 
 impl Default for ViewConfig {
     fn default() -> Self {
-        ViewConfig { width: 1280, height: 800, stereo: Stereo::Mono, ipd: 0.064, fov_y: 70.0, exposure: 0.0 }
+        ViewConfig {
+            width: 1280,
+            height: 800,
+            stereo: Stereo::Mono,
+            ipd: 0.064,
+            fov_y: 70.0,
+            exposure: ExposureConfig::default(),
+            exposure_range: [-20.0, 10.0],
+        }
     }
 }
 
@@ -504,6 +516,14 @@ impl Layers {
         fixed
     }
 
+    /// Has pictures on a display exposed by what is seen, where no exposure was given.
+    pub fn expose(&mut self) {
+        if !self.gives("view.exposure") {
+            let view = Table::from_iter([("exposure".to_string(), "auto".into())]);
+            overlay(&mut self.table, Table::from_iter([("view".to_string(), view.into())]));
+        }
+    }
+
     /// The typed, validated configuration. The default number of samples stands for as many as there are
     /// pixels where these are fewer; one that was given does not.
     ///
@@ -591,7 +611,10 @@ impl Config {
         whole("view.height", view.height, 1, MAX_SIDE)?;
         range("view.ipd", view.ipd, 0.0, 1.0)?;
         range("view.fov_y", view.fov_y, 1.0, 175.0)?;
-        range("view.exposure", view.exposure, -40.0, 40.0)?;
+        range("view.exposure", view.exposure.fixed(), -40.0, 40.0)?;
+        let [least, most] = view.exposure_range;
+        range("view.exposure_range", least, -40.0, 40.0)?;
+        range("view.exposure_range", most, least, 40.0)?;
         self.foveation.law.validate()?;
         if let Samples::Share(share) = self.foveation.samples {
             budget::check_share("foveation.samples", share)?;
@@ -697,6 +720,8 @@ mod tests {
             ("a.b.c.d.e.f.g.h.i=3", "so many dots"),
             ("trace.rays=16\nview.width=8", "trace.rays"),
             ("view.exposure=nan", "out of range"),
+            ("view.exposure=bright", "\"auto\""),
+            ("view.exposure_range=[2, 1]", "exposure_range"),
             ("foveation.samples=1024001", "more than the 1024000 pixels"),
         ] {
             let mut layers = Layers::default();
@@ -768,6 +793,20 @@ mod tests {
             layers.preset(name).unwrap();
             assert_eq!(layers.keep_up(), Some("foveation.law"), "a preset's settings are settings");
         }
+    }
+
+    #[test]
+    fn displays_expose_by_what_is_seen_unless_stops_are_given() {
+        let exposing = |assignments: &[&str]| {
+            let mut layers = Layers::default();
+            assignments.iter().for_each(|assignment| layers.assign(assignment).unwrap());
+            layers.expose();
+            layers.finish().unwrap().view.exposure
+        };
+        assert_eq!(exposing(&["view.width=640"]), ExposureConfig::Auto);
+        assert_eq!(exposing(&["view.exposure=0"]), ExposureConfig::Stops(0.0));
+        assert_eq!(exposing(&["view.exposure=auto"]), ExposureConfig::Auto);
+        assert_eq!(Layers::default().finish().unwrap().view.exposure, ExposureConfig::Stops(0.0));
     }
 
     #[test]

@@ -57,6 +57,7 @@ fn render(
         visibility: None,
         sun: None,
         shown_from: None,
+        exposure: 0.0,
         outputs: &outputs,
     };
     reconstruction.submit(0, &frame).unwrap();

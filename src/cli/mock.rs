@@ -178,6 +178,7 @@ impl Session<'_> {
         let script = script(seconds);
         let bar = output::progress(count.into(), "frames");
         let (mut reports, mut over) = (Vec::new(), 0);
+        renderer.meter().set_pace(seconds / f64::from(count));
         for frame in 0..count {
             let time = seconds * f64::from(frame) / f64::from(count);
             let (head, gaze) = (script.head_at(time), self.gaze.unwrap_or_else(|| script.gaze_at(time)));

@@ -104,9 +104,9 @@ pub struct RenderOptions {
     /// One eye, both from one wider view (the paper's way), or both from their own viewpoints.
     #[arg(long, value_enum, help_heading = "Picture")]
     stereo: Option<Stereo>,
-    /// Stops by which a displayed picture is brightened.
-    #[arg(long, value_name = "EV", allow_hyphen_values = true, help_heading = "Picture")]
-    exposure: Option<f64>,
+    /// Stops by which a displayed picture is brightened, or "auto": by what is seen.
+    #[arg(long, value_name = "EV|auto", allow_hyphen_values = true, help_heading = "Picture")]
+    exposure: Option<String>,
     /// How sample density falls off: paper, linear-mar, log-polar, uniform, full.
     #[arg(long, value_name = "NAME", help_heading = "Foveation")]
     law: Option<String>,
@@ -196,7 +196,7 @@ impl RenderOptions {
             ("--height", "view.height", whole(self.height)),
             ("--fov-y", "view.fov_y", float(self.fov_y)),
             ("--stereo", "view.stereo", named(self.stereo)),
-            ("--exposure", "view.exposure", float(self.exposure)),
+            ("--exposure", "view.exposure", self.exposure.as_deref().map(number_or_name)),
             ("--law", "foveation.law", text(&self.law)),
             ("--samples", "foveation.samples", self.samples.as_deref().map(count_or_name)),
             ("--reconstruct", "reconstruction.method", named(self.reconstruct)),
@@ -242,8 +242,10 @@ impl RenderOptions {
     }
 }
 
-/// Has frames keep up with a display, unless settings say otherwise; notes, where these do not say so aloud.
+/// Has frames keep up with a display and exposed by what is seen, unless settings say otherwise; notes, where these
+/// do not say so aloud.
 pub fn keep_up(layers: &mut Layers) -> Vec<String> {
+    layers.expose();
     let note = |key: &str| {
         format!(
             "{key} is given, so settings stay as they are, however long frames take; --target-ms display holds \

@@ -8,14 +8,16 @@ use serde::Serialize;
 use super::machine::Machine;
 use super::options::{RenderOptions, eye_fov};
 use super::output::{self, RenderSummary};
-use crate::config::{Config, Stereo};
+use crate::config::{Config, ExposureConfig, Stereo, ViewConfig};
 use crate::error::{Error, Result};
 use crate::frame::budget;
+use crate::frame::exposure::stops_for;
 use crate::frame::stereo::parallel_eyes;
 use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::measure::{Display, Picture};
+use crate::scene::environment::luminance;
 use crate::whole_file;
 
 /// Arguments of `foveate render`.
@@ -78,7 +80,7 @@ pub fn run(args: &Args) -> Result<()> {
     bar.finish_and_clear();
     let first_frame = Step { name: "first picture", ms: start.elapsed().as_secs_f64() * 1e3 };
     let pixels = if averaged { bytemuck::cast_slice(&sum.mean()).to_vec() } else { renderer.picture()? };
-    write(args, kind, output, &plan, &pixels, config.view.exposure)?;
+    write(args, kind, output, &plan, &pixels, &config)?;
 
     let steps: Vec<Step> = loaded.steps.iter().chain(&steps).copied().chain([first_frame]).collect();
     report(args, &config, &plan, &machine, &renderer, &frames, &steps)
@@ -172,7 +174,7 @@ fn write(
     output: Output,
     plan: &Plan,
     pixels: &[u8],
-    exposure: f64,
+    config: &Config,
 ) -> Result<()> {
     let (width, height) = (plan.width, plan.height);
     if output == Output::Display {
@@ -183,7 +185,17 @@ fn write(
     let picture = Picture::new(width, height, rgb)?;
     match kind {
         FileKind::Exr => picture.write_exr(&args.out),
-        FileKind::Png => Display::from_picture(&picture, exposure as f32).write_png(&args.out),
+        FileKind::Png => Display::from_picture(&picture, stops(&picture, &config.view)).write_png(&args.out),
+    }
+}
+
+/// The stops that a picture is shown with: its own, where they are to be metered.
+fn stops(picture: &Picture, view: &ViewConfig) -> f32 {
+    let [least, most] = view.exposure_range;
+    let metered = || stops_for(picture.pixels.iter().map(|&p| luminance(p.into()) as f32).collect());
+    match view.exposure {
+        ExposureConfig::Auto => metered().unwrap_or(0.0).clamp(least, most) as f32,
+        ExposureConfig::Stops(stops) => stops as f32,
     }
 }
 

@@ -275,6 +275,9 @@ impl<'a> Session<'a> {
     /// Renders one frame.
     fn frame(&mut self, moment: &Moment) -> Result<Shot> {
         self.look(moment);
+        if moment.lock_exposure {
+            self.renderer.meter().toggle_lock();
+        }
         let plan = self.plan(self.head())?;
         self.seed = self.seed.wrapping_add(1);
         self.hold(moment)?;

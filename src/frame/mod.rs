@@ -3,10 +3,12 @@
 pub mod balance;
 pub mod budget;
 pub mod crew;
+pub mod exposure;
 pub mod front;
 pub mod ladder;
 pub mod load;
 pub mod log;
+pub mod meter;
 pub mod pipeline;
 pub mod stereo;
 

@@ -7,6 +7,7 @@ use glam::DVec2;
 
 use super::crew::{Crew, DeviceShare};
 use super::load::{Loaded, Step, fitting_environment, timed};
+use super::meter::{Meter, Metered};
 use super::stereo::{Cut, Plan};
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
@@ -55,6 +56,8 @@ pub struct FrameReport {
     pub pattern_ms: f64,
     /// Wall time from start to finished pixels.
     pub frame_ms: f64,
+    /// Stops by which its pictures were brightened, where exposure is automatic.
+    pub exposure: Option<f64>,
     /// Where it went.
     pub stages: StageMs,
     /// What each OpenCL device did, in the order in which they were given.
@@ -70,7 +73,9 @@ pub struct Renderer {
     lenses: Vec<Lens>,
     samples: Samples,
     settings: trace::Settings,
-    exposure: f32,
+    /// Stops that all pictures get.
+    fixed_stops: f32,
+    meter: Meter,
     sun: Option<Sun>,
     output: Output,
     views: Vec<TracedView>,
@@ -85,6 +90,12 @@ struct TracedView {
     landing: Arc<Landing>,
     /// How the results land there.
     sharing: Sharing,
+}
+
+impl TracedView {
+    fn metered(&self) -> Metered<'_> {
+        Metered { landing: &self.landing, samples: &self.pattern.samples, width: self.key.width }
+    }
 }
 
 /// A pattern is made anew when one of these changes.
@@ -198,7 +209,8 @@ impl Renderer {
             lenses: Vec::new(),
             samples: config.foveation.samples,
             settings: trace_settings(config),
-            exposure: config.view.exposure as f32,
+            fixed_stops: config.view.exposure.fixed() as f32,
+            meter: Meter::new(&config.view, output),
             sun: loaded.environment.sun,
             output,
             views: Vec::new(),
@@ -239,7 +251,7 @@ impl Renderer {
                 .map(|cut| reconstruct::Output {
                     rect: cut.rect,
                     source: cut.source,
-                    ..reconstruct::Output::whole(&target, self.exposure)
+                    ..reconstruct::Output::whole(&target, self.fixed_stops)
                 })
                 .collect(),
         };
@@ -262,10 +274,14 @@ impl Renderer {
         late: &mut dyn FnMut(usize) -> Option<Pose>,
     ) -> Result<FrameReport> {
         let start = Instant::now();
+        self.meter.begin(start);
         let mut report = FrameReport::default();
         for (index, shot) in shots.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, shot)?;
             self.trace(index, &shot.view, seed, &mut report)?;
+            if self.meter.stops().is_none() {
+                self.meter.observe(self.views[..=index].iter().map(TracedView::metered), self.sun);
+            }
             let shown_from = if self.reconstruction.can_warp(index) { late(index) } else { None };
             self.reconstruct(index, shot, shown_from)?;
         }
@@ -274,6 +290,8 @@ impl Renderer {
             report.stages.reconstruct += stages.iter().map(|stage| stage.ms).sum::<f64>();
             report.dropped += self.reconstruction.dropped(index);
         }
+        report.exposure = self.meter.stops();
+        self.meter.observe(self.views.iter().take(shots.len()).map(TracedView::metered), self.sun);
         report.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(report)
     }
@@ -310,6 +328,7 @@ impl Renderer {
             visibility: traced.landing.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
             shown_from,
+            exposure: self.meter.stops().unwrap_or(0.0) as f32,
             outputs: &shot.outputs,
         };
         self.reconstruction.submit(index, &frame)
@@ -441,6 +460,11 @@ impl Renderer {
         self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
         (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
         Ok(())
+    }
+
+    /// Automatic exposure: when its frames are shown, and whether it is locked.
+    pub fn meter(&mut self) -> &mut Meter {
+        &mut self.meter
     }
 
     /// Camera rays go through random points of their pixels from now on, or through their centres.

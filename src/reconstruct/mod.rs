@@ -82,6 +82,8 @@ pub struct Frame<'a> {
     /// Where the eye is when the picture is seen: pixels are moved to where it sees them, by their depths
     /// (guided) or as if all were far away. `None` where that is where the view was traced from.
     pub shown_from: Option<Pose>,
+    /// Stops that come to each output's own.
+    pub exposure: f32,
     /// Where the pixels go: rectangles of one target do not overlap.
     pub outputs: &'a [Output<'a>],
 }
@@ -385,7 +387,7 @@ fn draw(
             rows: band.rows,
             neighbours: tables.k,
             first_sample: band.first_sample,
-            exposure: output.exposure.exp2(),
+            exposure: (output.exposure + frame.exposure).exp2(),
             encoding: match output.encoding {
                 Encoding::Radiance => 0,
                 Encoding::DisplayLinear => 1,

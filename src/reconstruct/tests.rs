@@ -76,6 +76,7 @@ impl Bench {
             visibility: Some((&visibility).into()),
             sun: None,
             shown_from: None,
+            exposure: 0.0,
             outputs,
         };
         self.reconstruction.submit(0, &frame).unwrap();
@@ -417,6 +418,7 @@ fn guided_reconstruction_asks_for_visibility() {
         visibility: None,
         sun: None,
         shown_from: None,
+        exposure: 0.0,
         outputs: &outputs,
     };
     let error = bench.reconstruction.submit(0, &frame).unwrap_err();

@@ -179,7 +179,7 @@ fn prepare<'a>(
         })
         .collect::<Result<_>>()?;
     let viewing = Viewing {
-        exposure: subject.config.view.exposure as f32,
+        exposure: subject.config.view.exposure.fixed() as f32,
         pixels_per_degree: pixels_per_degree(&places[0].at(0)[0]),
     };
     let given = subject.config.trace.bounces;

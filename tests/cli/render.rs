@@ -218,3 +218,65 @@ fn extreme_points_of_view_make_pictures_of_finite_numbers() {
         exr(folder.path(), flags);
     }
 }
+
+fn mean_code(picture: &RgbImage) -> f64 {
+    let sum: f64 = picture.pixels().flat_map(|p| p.0).map(f64::from).sum();
+    sum / f64::from(picture.width() * picture.height() * 3)
+}
+
+/// A folder whose `scene.glb` has lights as Blender exports them: a sun of 5 W/m² is 683 lm/W as many lux, a lamp
+/// of 1000 W 683 / 4π as many candela.
+fn folder_from_blender() -> tempfile::TempDir {
+    let folder = folder();
+    let mut builder = Builder::new();
+    let corners = [[-4.0, 0.0, 4.0], [4.0, 0.0, 4.0], [4.0, 0.0, -4.0], [-4.0, 0.0, -4.0f32]];
+    let (positions, indices) = (builder.floats(&corners), builder.shorts(&[0, 1, 2, 0, 2, 3]));
+    let grey = json!({ "baseColorFactor": [0.5, 0.5, 0.5, 1.0], "metallicFactor": 0.0 });
+    let material = builder.push("materials", json!({ "pbrMetallicRoughness": grey }));
+    let primitive =
+        json!({ "attributes": { "POSITION": positions }, "indices": indices, "material": material });
+    builder.place(primitive, json!({}));
+    let lamp = 1000.0 * 683.0 / (4.0 * std::f64::consts::PI);
+    builder.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [
+        { "type": "directional", "intensity": 5.0 * 683.0 }, { "type": "point", "intensity": lamp }
+    ] } });
+    builder.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    let down = json!([-0.5f64.sqrt(), 0.0, 0.0, 0.5f64.sqrt()]);
+    for (light, place) in [(0, json!({ "rotation": down })), (1, json!({ "translation": [1, 2.5, 0] }))] {
+        let mut node = place;
+        node["extensions"] = json!({ "KHR_lights_punctual": { "light": light } });
+        let node = builder.push("nodes", node);
+        builder.json["scenes"][0]["nodes"].as_array_mut().unwrap().push(json!(node));
+    }
+    builder.write_glb(folder.path());
+    folder
+}
+
+#[test]
+fn automatic_exposure_shows_any_light_in_the_middle_of_the_range() {
+    let (plain, blender) = (folder(), folder_from_blender());
+    for reconstruct in ["k-nn", "guided"] {
+        for (folder, flags) in [
+            (&plain, "--set environment.exposure=0"),
+            (&plain, "--set environment.exposure=12"),
+            (&plain, "--set environment.exposure=-2"),
+            (&blender, "--look-at 0,0,0"),
+        ] {
+            let shown = |exposure: &str| {
+                let flags = format!("{flags} --reconstruct {reconstruct} --exposure {exposure}");
+                mean_code(&picture(folder.path(), &flags).0)
+            };
+            let (auto, passes) = (shown("auto"), shown("auto --passes 2"));
+            println!("{reconstruct} {flags}: mean code {auto} at once, {passes} of two passes");
+            assert!((60.0..185.0).contains(&auto), "{flags}: {auto}");
+            assert!(
+                (auto - passes).abs() < 25.0,
+                "{flags}: {auto} at once, {passes} by the finished picture"
+            );
+            let held = shown("auto --set view.exposure_range=[-30,-29]");
+            assert!(held < 5.0 || flags.contains("=12"), "{flags}: {held} beyond the limit");
+        }
+    }
+    let white = mean_code(&picture(blender.path(), "--look-at 0,0,0").0);
+    assert!(white > 240.0, "without it a sun of 3415 lux is white: {white}");
+}

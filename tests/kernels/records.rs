@@ -1,7 +1,9 @@
 //! What the kernels write besides radiance: visibility, guided samples, the same bits for the same seed.
 
 use foveate::gpu::opencl::Device;
-use foveate::layout::{SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24, unpack_surface};
+use foveate::layout::{
+    SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24, unpack_surface,
+};
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};

@@ -37,6 +37,7 @@ fn picture(
         visibility: None,
         sun: None,
         shown_from: from,
+        exposure: 0.0,
         outputs: &outputs,
     };
     reconstruction.submit(0, &frame).unwrap();

@@ -13,7 +13,8 @@ const ESCAPE: u8 = 0x1b;
 const LONGEST: usize = 32;
 
 /// Which keys there are, for the line that the program greets with.
-pub const HELP: &str = "WASD, Q and E walk, arrows turn, R goes back to the start, Escape or Ctrl-C ends";
+pub const HELP: &str =
+    "WASD, Q and E walk, arrows turn, R goes back to the start, L holds the exposure, Escape or Ctrl-C ends";
 
 /// What keys ask for now.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,6 +27,8 @@ pub struct Keys {
     pub hurry: bool,
     /// Back to the start, facing ahead; once for each press.
     pub recentre: bool,
+    /// Automatic exposure stays as it is, or follows again; once for each press.
+    pub lock_exposure: bool,
     /// The end.
     pub leave: bool,
 }
@@ -43,6 +46,7 @@ pub struct Pressed {
     held: Vec<(Held, Instant)>,
     hurry: bool,
     recentre: bool,
+    lock_exposure: bool,
     leave: bool,
     /// The beginning of a sequence whose end has not come yet.
     begun: Vec<u8>,
@@ -84,6 +88,7 @@ impl Pressed {
             b'q' => Held::Go(DVec3::NEG_Y),
             b'e' => Held::Go(DVec3::Y),
             b'r' => return self.recentre = true,
+            b'l' => return self.lock_exposure = true,
             _ => return,
         };
         self.hold(held, byte.is_ascii_uppercase(), now);
@@ -109,8 +114,13 @@ impl Pressed {
     /// What all that asks for at a moment.
     pub fn keys(&mut self, now: Instant) -> Keys {
         self.held.retain(|(_, since)| now.saturating_duration_since(*since) < HELD);
-        let recentre = std::mem::take(&mut self.recentre);
-        let mut keys = Keys { hurry: self.hurry, recentre, leave: self.leave, ..Keys::default() };
+        let mut keys = Keys {
+            hurry: self.hurry,
+            recentre: std::mem::take(&mut self.recentre),
+            lock_exposure: std::mem::take(&mut self.lock_exposure),
+            leave: self.leave,
+            ..Keys::default()
+        };
         for (held, _) in &self.held {
             match held {
                 Held::Go(go) => keys.go += go,
@@ -172,5 +182,7 @@ mod tests {
         let (mut pressed, now) = (Pressed::default(), Instant::now());
         pressed.take(b"R", now);
         assert!(pressed.keys(now).recentre && !pressed.keys(now).recentre);
+        pressed.take(b"l", now);
+        assert!(pressed.keys(now).lock_exposure && !pressed.keys(now).lock_exposure);
     }
 }

@@ -201,6 +201,9 @@ impl Presentation<'_> {
             if keys.leave {
                 self.stop.store(true, Ordering::Relaxed);
             }
+            if keys.lock_exposure {
+                stage.renderer.meter().toggle_lock();
+            }
             if self.is_over(&run.stats) {
                 session.request_exit();
             }
@@ -333,7 +336,7 @@ impl Presentation<'_> {
         targets: &'t [vulkan::Target],
         sharp: &[Sharp],
     ) -> Result<Vec<Shot<'t>>> {
-        let exposure = self.config.view.exposure as f32;
+        let exposure = self.config.view.exposure.fixed() as f32;
         let output = |target: &'t vulkan::Target, source: [u32; 2], size: (u32, u32)| reconstruct::Output {
             source,
             rect: Rect { x: 0, y: 0, width: size.0, height: size.1 },

@@ -140,6 +140,14 @@ impl<T: Pod> Shared<T> {
     pub fn sparse(&self, count: usize, step: usize) -> Vec<T> {
         self.host.read_sparse(count, step)
     }
+
+    /// The elements at these places, as they were delivered.
+    ///
+    /// # Panics
+    /// If one of them lies beyond the memory.
+    pub fn at(&self, places: impl Iterator<Item = usize>) -> Vec<T> {
+        self.host.read_at(places)
+    }
 }
 
 /// Elements of the probe's pattern: more than a page, and no round number.

@@ -289,6 +289,22 @@ impl HostBuffer {
         // SAFETY: indices are below `count`, so each value lies in the mapping; any bytes are valid ones.
         (0..count).step_by(step).map(|index| unsafe { start.add(index).read_unaligned() }).collect()
     }
+
+    /// Copies the values at these places of the buffer.
+    ///
+    /// # Panics
+    /// If one of them lies beyond the buffer.
+    pub fn read_at<T: Pod>(&self, places: impl Iterator<Item = usize>) -> Vec<T> {
+        let count = self.len() / size_of::<T>();
+        let start = self.as_ptr().cast::<T>();
+        let _copying = lock(&self.0.copying);
+        let read = |place: usize| {
+            assert!(place < count, "place {place} is beyond {count} values");
+            // SAFETY: the place was just found to lie in the mapping; any bytes are valid ones.
+            unsafe { start.add(place).read_unaligned() }
+        };
+        places.map(read).collect()
+    }
 }
 
 /// Whether storage buffers can be exported as opaque descriptors, without an allocation of a kind of its own.

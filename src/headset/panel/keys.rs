@@ -13,13 +13,16 @@ pub struct Keys {
     held: BTreeSet<KeyCode>,
     mouse: [f64; 2],
     recentre: bool,
+    lock_exposure: bool,
 }
 
 impl Keys {
     /// A key goes down or up.
     pub fn key(&mut self, key: KeyCode, down: bool) {
         if down {
-            self.recentre |= key == KeyCode::KeyR && !self.held.contains(&key);
+            let pressed = !self.held.contains(&key);
+            self.recentre |= key == KeyCode::KeyR && pressed;
+            self.lock_exposure ^= key == KeyCode::KeyL && pressed;
             self.held.insert(key);
         } else {
             self.held.remove(&key);
@@ -52,6 +55,11 @@ impl Keys {
         let wish = Wish { go, mouse: std::mem::take(&mut self.mouse), hurry };
         (wish, std::mem::take(&mut self.recentre))
     }
+
+    /// Whether automatic exposure is to be locked, or let go, since the last frame.
+    pub fn take_lock(&mut self) -> bool {
+        std::mem::take(&mut self.lock_exposure)
+    }
 }
 
 #[cfg(test)]
@@ -74,6 +82,9 @@ mod tests {
         let (wish, recentre) = keys.take();
         assert_eq!((wish.go, wish.mouse, recentre), (DVec3::NEG_Z, [0.0, 0.0], true));
         assert!(!keys.take().1, "a held key recentres once");
+        keys.key(KeyCode::KeyL, true);
+        keys.key(KeyCode::KeyL, true);
+        assert!(keys.take_lock() && !keys.take_lock(), "a held key locks once");
         keys.forget();
         assert_eq!(keys.take().0, Wish::default());
     }

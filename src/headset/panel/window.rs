@@ -33,6 +33,8 @@ pub struct Moment {
     pub wish: Wish,
     /// The wearer looks ahead now.
     pub recentre: bool,
+    /// Automatic exposure stays as it is from now on, or follows again.
+    pub lock_exposure: bool,
     /// Pixels of the window.
     pub window: [u32; 2],
     /// Milliseconds between two pictures of the monitor that the window is on, where the desktop tells.
@@ -184,9 +186,10 @@ impl Shower<'_> {
         }
         let now = Instant::now();
         let (wish, recentre) = self.keys.take();
+        let lock_exposure = self.keys.take_lock();
         let since_last = self.last.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
         let (latency, period_ms) = (self.latency, period_ms(&opened.window));
-        let moment = Moment { now, since_last, latency, wish, recentre, window, period_ms };
+        let moment = Moment { now, since_last, latency, wish, recentre, lock_exposure, window, period_ms };
         let shot = (self.frame)(&moment)?;
         opened.window.pre_present_notify();
         let (swapchain, pass) = (&mut opened.swapchain, &mut opened.pass);
