@@ -141,7 +141,7 @@ fn measure(scene: &str, machine: &Machine, arguments: &Arguments) -> Vec<Row> {
     let pictures: Vec<Picture> = renderers.iter().map(picture).collect();
     let reference = reference(&mut renderers[0], &plan, arguments.passes);
 
-    let exposure = full.view.exposure as f32;
+    let exposure = full.view.exposure.fixed() as f32;
     let pixels_per_degree = f64::from(HEIGHT) / viewpoint.fov_y.to_degrees();
     save(arguments, scene, "reference", &reference, exposure);
     METHODS
