@@ -26,6 +26,8 @@ pub mod headset;
 
 pub mod frame;
 
+pub mod session;
+
 pub mod measure;
 
 pub mod trade;

@@ -1,5 +1,6 @@
 //! What a frame is shown on, and where poses and gazes come from.
 
+pub mod deadline;
 pub mod locomotion;
 pub mod mock;
 pub mod openxr;

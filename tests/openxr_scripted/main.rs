@@ -11,6 +11,7 @@ mod extras;
 mod frames;
 mod keyboard;
 mod losses;
+mod moments;
 mod states;
 mod views;
 

@@ -21,6 +21,7 @@ use crate::headset::openxr::{EyeView, Fault, Frame, Next, Options, Outcome, Runt
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::reconstruct;
+use crate::session::{Asking, Pace};
 
 /// How often a runtime that is gone is looked for.
 const RETRY: Duration = Duration::from_millis(500);
@@ -68,6 +69,8 @@ struct Run {
     keyboard: Option<Terminal>,
     /// Holds the frame time, where one is asked for, once the display's period is known.
     controller: Option<Controller>,
+    /// How long frames take, and for which time poses are asked.
+    pace: Pace,
 }
 
 /// What the last session was like.
@@ -91,7 +94,8 @@ impl Presentation<'_> {
         let wearer = Wearer::new(self.rest, &self.loaded.scene, &self.config.headset);
         let keyboard = if self.config.headset.keyboard { Terminal::open() } else { None };
         let (stats, told) = (Stats::default(), Told::default());
-        let mut run = Run { stats, told, wearer, keyboard, controller: None };
+        let pace = Pace::default();
+        let mut run = Run { stats, told, wearer, keyboard, controller: None, pace };
         let mut runtime = Some(runtime);
         let mut in_vain = 0;
         while let Some(found) = runtime.take() {
@@ -224,19 +228,22 @@ impl Presentation<'_> {
         keys: &Keys,
         run: &mut Run,
     ) -> Outcome<()> {
-        let Some(mut eyes) = self.eyes(session, frame)? else {
-            session.end(frame, None)?;
-            return Ok(());
+        let Some((mut eyes, time)) = self.eyes(session, frame, Asking::Begin, &mut run.pace)? else {
+            run.pace.skip();
+            return session.end(frame, None);
         };
-        let (hands, gaze) = session.input(frame.time)?;
-        run.wearer.walk(&hands, keys, &eyes, frame.time, &self.loaded.scene);
+        let (hands, gaze) = session.input(time)?;
+        run.wearer.walk(&hands, keys, &eyes, time, &self.loaded.scene);
         let held = self.hold(stage, session, run)?;
         let targets = session.acquire()?;
         // As late as it can be: all that is left to do before tracing is to choose samples.
-        eyes = self.eyes(session, frame)?.unwrap_or(eyes);
+        let mut time = time;
+        if let Some(newer) = self.eyes(session, frame, Asking::Trace, &mut run.pace)? {
+            (eyes, time) = newer;
+        }
         let mut asked = Instant::now();
         let views = self.views(&eyes, &session.sizes(), &run.wearer);
-        let sharp = run.wearer.look(gaze, &eyes, &views, frame.time);
+        let sharp = run.wearer.look(gaze, &eyes, &views, time);
         let mut shots = self.shots(&views, &targets, &sharp)?;
         if self.config.view.stereo == Stereo::PerEye {
             let (meshes, version) = session.hidden();
@@ -247,7 +254,7 @@ impl Presentation<'_> {
 
         let (mut shown, mut fault) = (eyes.clone(), None);
         let mut late = |shot: usize| {
-            let newest = self.newest(session, frame).unwrap_or_else(|lost| {
+            let newest = self.newest(session, frame, shot, &mut run.pace).unwrap_or_else(|lost| {
                 fault = Some(lost);
                 None
             })?;
@@ -276,9 +283,13 @@ impl Presentation<'_> {
             let first = shown[0];
             shown.fill(first);
         }
-        let on_time = session.end(frame, Some(&shown))?;
+        session.end(frame, Some(&shown))?;
+        let (deadline, now) = (session.deadline(frame), session.now());
+        let ages = run.pace.end(deadline, now);
+        session.expect(Duration::from_nanos(run.pace.left(Asking::Begin) as u64));
         let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
-        run.stats.push(Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), report, held }, on_time);
+        let times = Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), ages, report, held };
+        run.stats.push(times, now <= deadline.time);
         let views = self.views(&shown, &session.sizes(), &run.wearer);
         let each = views.iter().enumerate();
         run.told.views =
@@ -296,18 +307,38 @@ impl Presentation<'_> {
         Ok(Some(controller.held()))
     }
 
-    /// Where the eyes will be when the frame is shown; `None` where it will not be, or nothing is known.
-    fn eyes(&self, session: &mut Session, frame: &Frame) -> Outcome<Option<Vec<EyeView>>> {
-        let mut located = if frame.should_render { session.locate(frame.time)? } else { None };
+    /// Where the eyes will be when the picture is seen, and when that is; `None` where it will not be, or
+    /// nothing is known.
+    fn eyes(
+        &self,
+        session: &mut Session,
+        frame: &Frame,
+        asking: Asking,
+        pace: &mut Pace,
+    ) -> Outcome<Option<(Vec<EyeView>, i64)>> {
+        if !frame.should_render {
+            return Ok(None);
+        }
+        let time = pace.ask(asking, session.deadline(frame), session.now());
+        let mut located = session.locate(time)?;
         if let (Some(fov_y), Some(eyes)) = (self.fov_y, &mut located) {
             eyes.iter_mut().for_each(|eye| eye.fov = scaled(eye.fov, fov_y));
         }
-        Ok(located)
+        Ok(located.map(|eyes| (eyes, time)))
     }
 
-    /// The same once more for the late correction, if it is wanted.
-    fn newest(&self, session: &mut Session, frame: &Frame) -> Outcome<Option<Vec<EyeView>>> {
-        if self.config.headset.late_correction { self.eyes(session, frame) } else { Ok(None) }
+    /// The same once more for a shot's late correction, if it is wanted.
+    fn newest(
+        &self,
+        session: &mut Session,
+        frame: &Frame,
+        shot: usize,
+        pace: &mut Pace,
+    ) -> Outcome<Option<Vec<EyeView>>> {
+        if !self.config.headset.late_correction {
+            return Ok(None);
+        }
+        Ok(self.eyes(session, frame, Asking::Late(shot), pace)?.map(|(eyes, _)| eyes))
     }
 
     /// Where a shot is traced from.
@@ -456,6 +487,7 @@ impl Told {
             dropped: stats.dropped,
             frame_ms: stats.times(|shown| shown.frame_ms),
             pose_ms: stats.times(|shown| shown.pose_ms),
+            pose_age_ms: stats.ages(),
             stage_ms: stats.stages(),
             runtime: self.runtime,
             views: self.views,

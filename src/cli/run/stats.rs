@@ -7,6 +7,7 @@ use crate::error::Result;
 use crate::frame::budget::Held;
 use crate::frame::{FrameReport, StageMs};
 use crate::measure::stats::percentile;
+use crate::session::Ages;
 
 /// Frames whose times are kept: the newest of a long run.
 const KEPT: usize = 100_000;
@@ -18,6 +19,8 @@ pub struct Shown {
     pub frame_ms: f64,
     /// From asking for the poses it was traced for to its end.
     pub pose_ms: f64,
+    /// How old its poses were.
+    pub ages: Ages,
     /// What the renderer did.
     pub report: FrameReport,
     /// What it was made with where its time is held.
@@ -59,6 +62,15 @@ impl Stats {
     /// Percentiles of a time of each picture.
     pub fn times(&self, time: impl Fn(&Shown) -> f64) -> Percentiles {
         Percentiles::of(&self.kept.iter().map(time).collect::<Vec<_>>())
+    }
+
+    /// Percentiles of the poses' ages.
+    pub fn ages(&self) -> AgeSummary {
+        let ages = |age: &dyn Fn(&Ages) -> Option<f64>| {
+            let ages: Vec<f64> = self.kept.iter().filter_map(|shown| age(&shown.ages)).collect();
+            (!ages.is_empty()).then(|| AgeMs::of(&ages))
+        };
+        AgeSummary { begin: ages(&|a| a.begin), trace: ages(&|a| a.trace), late: ages(&|a| a.late) }
     }
 
     /// Medians of the stages.
@@ -110,6 +122,36 @@ pub struct ViewSummary {
     pub widening: f64,
 }
 
+/// Ages of poses: by how many milliseconds the time that they were asked for lies ahead of the time at which
+/// the picture was seen, negative where it lies behind.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct AgeMs {
+    /// The least: the oldest poses.
+    pub least: f64,
+    /// Median.
+    pub p50: f64,
+    /// The greatest.
+    pub most: f64,
+}
+
+impl AgeMs {
+    fn of(ages: &[f64]) -> AgeMs {
+        let at = |p| percentile(ages, p).unwrap_or(0.0);
+        AgeMs { least: at(0.0), p50: at(50.0), most: at(100.0) }
+    }
+}
+
+/// Ages of poses by what they were asked for.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct AgeSummary {
+    /// To move the wearer.
+    pub begin: Option<AgeMs>,
+    /// To trace from.
+    pub trace: Option<AgeMs>,
+    /// To correct what was traced; `null` where nothing was corrected.
+    pub late: Option<AgeMs>,
+}
+
 /// How pictures' time was held.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Budget {
@@ -135,6 +177,8 @@ pub struct Summary {
     pub frame_ms: Percentiles,
     /// From asking for poses to the frame's end.
     pub pose_ms: Percentiles,
+    /// How far from the time at which pictures were seen their poses were asked for.
+    pub pose_age_ms: AgeSummary,
     /// Medians of each stage.
     pub stage_ms: StageMs,
     /// The runtime's name and version.

@@ -4,18 +4,52 @@
 const LONGEST_PERIOD: i64 = 1_000_000_000;
 /// Nanoseconds of the shortest: 1 kHz.
 const SHORTEST_PERIOD: i64 = 1_000_000;
-/// A display time farther ahead of the one before is a jump of the runtime's clock, not dropped frames.
-const LONGEST_GAP: i64 = 10_000_000_000;
+/// The period as long as none was told that is believed: 90 Hz.
+const USUAL_PERIOD: i64 = 11_111_111;
+/// Display times that come more than this much earlier or later than expected are those of a clock that was
+/// set, and are believed at once.
+const CLOCK_SET: i64 = 10_000_000_000;
+/// How many periods a display time may come earlier or later than expected.
+const LEEWAY_PERIODS: i64 = 8;
+/// The same in nanoseconds, where periods are long.
+const LEEWAY: i64 = 200_000_000;
+/// Unexpected display times in a row, in keeping with each other, after which they are believed.
+const CONSISTENT: u32 = 3;
+
+/// What xrWaitFrame has told of a frame, in nanoseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Told {
+    /// The predicted display time.
+    pub time: i64,
+    /// The predicted display period.
+    pub period: i64,
+    /// A steady clock's reading as xrWaitFrame returned.
+    pub arrived: i64,
+}
 
 /// Follows predicted display times: gives poses a time to be asked for, and counts what was dropped.
 ///
 /// Runtimes have been seen to predict wrong periods in their first frames, and times that are negative,
-/// stand still or go back. A time that goes back is still handed back when the frame ends, as the runtime
-/// wants it, but poses are asked for a time one period after the last good one.
+/// stand still, jump ahead or go back. What is told is compared with what was told before and with a steady
+/// clock that is read as xrWaitFrame returns: the time from there to the display, the lead, hardly changes.
+/// A display time with another lead is replaced by what the usual lead says. If the next ones have that lead
+/// too, or the clock was clearly set, it is the usual one from then on. What was put in the place of a told
+/// time is compared with nothing and counted nowhere.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameClock {
+    /// The steady clock is the runtime's own, so that leads are true distances.
+    lent: bool,
     period: Option<i64>,
-    last: Option<i64>,
+    /// From the arrival of the last frame that was believed to its display.
+    lead: Option<i64>,
+    /// A lead that is not believed yet, and for how many frames it was told.
+    rival: Option<(i64, u32)>,
+    /// The newest display time that was told, believed or not.
+    told: Option<i64>,
+    /// The newest that was believed.
+    believed: Option<i64>,
+    /// The same since the last pause, and how many frames came after it.
+    counted: Option<(i64, i64)>,
     /// Display periods that went by without a new picture, so far.
     pub dropped: u64,
     /// Times that were not believed, so far.
@@ -23,30 +57,79 @@ pub struct FrameClock {
 }
 
 impl FrameClock {
-    /// Takes a frame's predicted display time and period, in nanoseconds; returns the time for which
-    /// poses are asked, which is positive and always grows, except after a jump back of the runtime's clock.
-    pub fn frame(&mut self, predicted: i64, period: i64) -> i64 {
-        if (SHORTEST_PERIOD..=LONGEST_PERIOD).contains(&period) {
-            self.period = Some(period);
+    /// A clock that is compared with the runtime's own where the runtime lends it, else with any steady one.
+    pub fn new(lent: bool) -> Self {
+        FrameClock { lent, ..FrameClock::default() }
+    }
+
+    /// Takes what was told of a frame; returns when it will be displayed, which is positive.
+    pub fn frame(&mut self, told: Told) -> i64 {
+        if (SHORTEST_PERIOD..=LONGEST_PERIOD).contains(&told.period) {
+            self.period = Some(told.period);
         }
-        let step = self.period.unwrap_or(11_111_111);
-        let time = match self.last {
-            None => predicted,
-            Some(last) if predicted > last && predicted - last <= LONGEST_GAP => {
-                let periods = (predicted - last + step / 2) / step;
-                self.dropped += (periods - 1).max(0) as u64;
-                predicted
-            }
-            // Far ahead or far back: the clock itself was set.
-            Some(last) if predicted > 0 && last.abs_diff(predicted) > LONGEST_GAP as u64 => predicted,
-            Some(last) => last.saturating_add(step),
-        };
-        if time != predicted || time <= 0 {
+        let lead = told.time.saturating_sub(told.arrived);
+        let believed = told.time > 0 && self.believes(told.time, lead);
+        if told.time > 0 {
+            self.told = Some(told.time);
+        }
+        if !believed {
             self.doubted += 1;
+            self.counted = self.counted.map(|(time, after)| (time, after + 1));
+            let lead = self.lead.unwrap_or(self.step());
+            return told.arrived.saturating_add(lead).max(1);
         }
-        let time = time.max(1);
-        self.last = Some(time);
-        time
+        self.count(told.time, lead);
+        (self.lead, self.rival, self.believed) = (Some(lead), None, Some(told.time));
+        told.time
+    }
+
+    /// Whether a display time is believed.
+    fn believes(&mut self, time: i64, lead: i64) -> bool {
+        let stands = self.told == Some(time);
+        let plausible = self.lent && self.is_plausible(lead);
+        let Some(usual) = self.lead else { return plausible || !self.lent || self.is_again(time, lead) };
+        let off = lead.abs_diff(usual);
+        if self.within(off as i64) {
+            return self.believed.is_none_or(|last| time > last);
+        }
+        if off > CLOCK_SET as u64 || plausible {
+            return !stands;
+        }
+        self.is_again(time, lead)
+    }
+
+    /// Whether an unexpected lead was told often enough.
+    fn is_again(&mut self, time: i64, lead: i64) -> bool {
+        let advances = self.told.is_none_or(|last| time > last);
+        let again = self.rival.filter(|(rival, _)| advances && self.within(lead.abs_diff(*rival) as i64));
+        let times = again.map_or(1, |(_, times)| times + 1);
+        self.rival = Some((lead, times));
+        times >= CONSISTENT
+    }
+
+    fn within(&self, off: i64) -> bool {
+        let step = self.step();
+        (0..=(step * LEEWAY_PERIODS).min(LEEWAY).max(step * 2)).contains(&off)
+    }
+
+    /// Whether a true distance from now to the display is one that displays have.
+    fn is_plausible(&self, lead: i64) -> bool {
+        lead > -self.step() && self.within(lead.max(0))
+    }
+
+    /// Counts the periods since the last time that was believed in which there was no frame, unless the clock
+    /// was set in between.
+    fn count(&mut self, time: i64, lead: i64) {
+        let same_clock = self.lead.is_some_and(|usual| self.within(lead.abs_diff(usual) as i64));
+        if let Some((last, after)) = self.counted.filter(|_| same_clock) {
+            let periods = (time - last + self.step() / 2) / self.step();
+            self.dropped += (periods - 1 - after).max(0) as u64;
+        }
+        self.counted = Some((time, 0));
+    }
+
+    fn step(&self) -> i64 {
+        self.period.unwrap_or(USUAL_PERIOD)
     }
 
     /// Nanoseconds between pictures, once the runtime has told a believable number.
@@ -54,59 +137,22 @@ impl FrameClock {
         self.period
     }
 
+    /// A reading of the steady clock as a time of the display's. A clock that is not the display's own is
+    /// taken to be read one period before the display as a frame arrives.
+    pub fn now(&self, reading: i64) -> i64 {
+        match self.lead {
+            Some(lead) if !(self.lent && self.is_plausible(lead)) => {
+                reading.saturating_add(lead).saturating_sub(self.step())
+            }
+            _ => reading,
+        }
+    }
+
     /// After a pause the next frame's gap is nobody's fault.
     pub fn pause(&mut self) {
-        self.last = None;
+        self.counted = None;
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const PERIOD: i64 = 10_000_000;
-
-    #[test]
-    fn gaps_are_dropped_frames() {
-        let mut clock = FrameClock::default();
-        for (time, dropped) in [(5, 0), (6, 0), (8, 1), (9, 1), (13, 4)] {
-            assert_eq!(clock.frame(time * PERIOD + 1000, PERIOD), time * PERIOD + 1000);
-            assert_eq!(clock.dropped, dropped);
-        }
-        clock.pause();
-        clock.frame(500 * PERIOD, PERIOD);
-        assert_eq!((clock.dropped, clock.doubted), (4, 0));
-    }
-
-    #[test]
-    fn wrong_times_are_replaced_by_the_next_period() {
-        let mut clock = FrameClock::default();
-        let start = 100 * PERIOD;
-        clock.frame(start, PERIOD);
-        for (i, wrong) in [start, start - PERIOD, -5, 0, start - 7].into_iter().enumerate() {
-            assert_eq!(clock.frame(wrong, PERIOD), start + (i as i64 + 1) * PERIOD);
-        }
-        assert_eq!((clock.doubted, clock.dropped), (5, 0));
-        assert_eq!(clock.frame(start + 6 * PERIOD, PERIOD), start + 6 * PERIOD);
-    }
-
-    #[test]
-    fn a_clock_that_was_set_is_followed() {
-        let mut clock = FrameClock::default();
-        clock.frame(100_000 * PERIOD, PERIOD);
-        assert_eq!(clock.frame(10 * PERIOD, PERIOD), 10 * PERIOD);
-        assert_eq!(clock.frame(100_000 * PERIOD, PERIOD), 100_000 * PERIOD);
-        assert_eq!(clock.dropped, 0);
-    }
-
-    #[test]
-    fn absurd_values_do_no_harm() {
-        let mut clock = FrameClock::default();
-        for time in [i64::MIN, i64::MAX, -1, 0, 1, i64::MAX, i64::MAX, i64::MIN] {
-            for period in [i64::MIN, 0, i64::MAX, 1] {
-                assert!(clock.frame(time, period) > 0);
-            }
-        }
-        assert_eq!(clock.period(), None);
-    }
-}
+mod tests;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use openxr as xr;
 
 use super::actions::Actions;
-use super::clock::FrameClock;
+use super::clock::{FrameClock, Told};
 use super::fault::{Called, Fault, Outcome};
 use super::gaze::{self, EyeTracker, Gaze};
 use super::lifecycle::{Duty, Lifecycle};
@@ -15,6 +15,7 @@ use super::visibility::HiddenMesh;
 use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
 use crate::gpu::vulkan::{Context, Target};
+use crate::headset::deadline::Deadline;
 use crate::headset::locomotion::Hands;
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
@@ -37,7 +38,7 @@ pub enum Next {
 /// A frame that has begun.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
-    /// For which poses are asked: the predicted display time, or a better guess, in nanoseconds.
+    /// When it is displayed if it ends before: the predicted display time, or a better guess, in nanoseconds.
     pub time: i64,
     /// Whether the wearer will see it.
     pub should_render: bool,
@@ -85,6 +86,9 @@ pub struct Session {
     formats: Formats,
     life: Lifecycle,
     clock: FrameClock,
+    steady: Steady,
+    /// How long frames usually take.
+    usual: Duration,
     exit: Option<Instant>,
     ended: bool,
     located: Vec<EyeView>,
@@ -99,7 +103,8 @@ impl Session {
     /// Where the runtime or the device refuses.
     pub fn new(runtime: &Runtime, context: &Context, options: &Options) -> Outcome<Session> {
         let (session, waiter, stream) = vulkan::session(&runtime.instance, runtime.system, context)?;
-        let waiter = Waiter::new(waiter);
+        let steady = Steady::new(&runtime.instance);
+        let waiter = Waiter::new(waiter, move || steady.read());
         let space = session
             .create_reference_space(xr::ReferenceSpaceType::LOCAL, xr::Posef::IDENTITY)
             .called("xrCreateReferenceSpace")?;
@@ -139,7 +144,9 @@ impl Session {
             blend: runtime.blend,
             formats,
             life: Lifecycle::default(),
-            clock: FrameClock::default(),
+            clock: FrameClock::new(steady.lent),
+            steady,
+            usual: Duration::ZERO,
             exit: None,
             ended: false,
             located: Vec::new(),
@@ -200,18 +207,36 @@ impl Session {
             std::thread::sleep(PATIENCE / 5);
             return Ok(Next::Pause);
         }
-        self.waiter.ask();
+        self.waiter.ask(Duration::ZERO);
         let Some(state) = self.waiter.take(PATIENCE)? else { return Ok(Next::Pause) };
         let frame = self.begin(state)?;
-        // The next frame is waited for while this one is traced.
-        self.waiter.ask();
+        // The next frame is waited for while this one is traced; not so early that its time is past when
+        // this one ends.
+        let period = self.clock.period().map_or(Duration::ZERO, |period| Duration::from_nanos(period as u64));
+        self.waiter.ask(self.usual.saturating_sub(period));
         Ok(Next::Frame(frame))
     }
 
-    fn begin(&mut self, state: xr::FrameState) -> Outcome<Frame> {
+    /// Tells how long frames take, so that the next one is not waited for too early.
+    pub fn expect(&mut self, usual: Duration) {
+        self.usual = usual;
+    }
+
+    /// Now, in nanoseconds of the display's clock.
+    pub fn now(&self) -> i64 {
+        self.clock.now(self.steady.read())
+    }
+
+    /// When a frame is shown.
+    pub fn deadline(&self, frame: &Frame) -> Deadline {
+        Deadline { time: frame.time, period: self.clock.period() }
+    }
+
+    fn begin(&mut self, (state, arrived): (xr::FrameState, i64)) -> Outcome<Frame> {
         self.stream.begin().called("xrBeginFrame")?;
         let predicted = state.predicted_display_time.as_nanos();
-        let time = self.clock.frame(predicted, state.predicted_display_period.as_nanos());
+        let period = state.predicted_display_period.as_nanos();
+        let time = self.clock.frame(Told { time: predicted, period, arrived });
         // Zero and less are no times, and xrEndFrame refuses them even where they came from the runtime.
         let display_time = xr::Time::from_nanos(if predicted > 0 { predicted } else { time });
         let should_render = state.should_render && self.exit.is_none();
@@ -256,6 +281,9 @@ impl Session {
 
     /// Takes the frame that is still waited for, so that every wait has its begin and end.
     fn finish_frames(&mut self) -> Outcome<()> {
+        if self.waiter.asked() {
+            self.waiter.ask(Duration::ZERO);
+        }
         if self.waiter.asked()
             && let Some(state) = self.waiter.take(EXIT_PATIENCE)?
         {
@@ -322,12 +350,12 @@ impl Session {
         self.images.iter_mut().map(ViewImages::acquire).collect()
     }
 
-    /// Ends a frame, and tells whether that was before it is to be shown. `shown` are the views as they
-    /// were drawn into the images acquired; without them the wearer sees nothing.
+    /// Ends a frame. `shown` are the views as they were drawn into the images acquired; without them the
+    /// wearer sees nothing.
     ///
     /// # Errors
     /// Where session or runtime are lost.
-    pub fn end(&mut self, frame: &Frame, shown: Option<&[EyeView]>) -> Outcome<bool> {
+    pub fn end(&mut self, frame: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
         for images in &mut self.images {
             images.release()?;
         }
@@ -342,14 +370,29 @@ impl Session {
         let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
         let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
         let ended = self.stream.end(frame.display_time, self.blend, layers).called("xrEndFrame");
-        ended.map_err(Fault::spoilt)?;
-        let now =
-            self.instance.exts().khr_convert_timespec_time.as_ref().and_then(|_| self.instance.now().ok());
-        Ok(match now {
-            Some(now) => now.as_nanos() <= frame.time,
-            None => {
-                self.clock.period().is_none_or(|period| frame.began.elapsed().as_nanos() <= period as u128)
-            }
-        })
+        ended.map_err(Fault::spoilt)
+    }
+}
+
+/// A steady clock that reads as the runtime's own where that is lent.
+#[derive(Clone, Copy)]
+struct Steady {
+    lent: bool,
+    start: Instant,
+    /// Nanoseconds of the runtime's clock at the start.
+    at_start: i64,
+}
+
+impl Steady {
+    fn new(instance: &xr::Instance) -> Self {
+        let start = Instant::now();
+        let lends = instance.exts().khr_convert_timespec_time.is_some();
+        let at_start = if lends { instance.now().ok() } else { None };
+        Steady { lent: at_start.is_some(), start, at_start: at_start.map_or(0, xr::Time::as_nanos) }
+    }
+
+    /// Nanoseconds.
+    fn read(&self) -> i64 {
+        self.at_start.saturating_add(self.start.elapsed().as_nanos() as i64)
     }
 }

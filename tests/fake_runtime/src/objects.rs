@@ -43,8 +43,8 @@ pub(crate) struct Session {
     /// By view, where an event has changed it.
     pub hidden_corners: BTreeMap<u32, f32>,
     pub refresh_rate: f32,
-    /// The time for which views were located last, and how often it was asked about before.
-    pub asked: (i64, u32),
+    /// How many frames had ended as views were located last, and how often it was asked in that frame before.
+    pub asked: (u64, u32),
 }
 
 /// A swapchain.

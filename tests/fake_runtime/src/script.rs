@@ -232,6 +232,8 @@ pub struct FrameRule {
     pub offset_ms: f64,
     /// In place of the predicted display time, nanoseconds.
     pub display_time: Option<i64>,
+    /// In place of the script's time between two frames, milliseconds.
+    pub period_ms: Option<f64>,
     /// In place of the predicted display period, nanoseconds.
     pub display_period: Option<i64>,
 }

@@ -122,9 +122,10 @@ pub(crate) fn end(session: xr::Session, info: In<xr::FrameEndInfo>) -> xr::Resul
 impl Runtime {
     /// When xrWaitFrame returns: at the next beat of the display, and later if the script says so.
     fn due(&mut self, handle: u64) -> Result<i64, Refusal> {
-        let period = (self.script.period_ms * 1e6) as i64;
+        let usual = self.script.period_ms;
         let session = self.running(handle)?;
         let number = session.latest.number + 1;
+        let period = period(&session.script.frames, number, usual);
         let late = rules(&session.script.frames, number).map(|rule| rule.wait_ms).sum::<u64>();
         let next = session.last_display.max(session.created) + period;
         Ok(next.max(now()) + late as i64 * 1_000_000)
@@ -132,10 +133,13 @@ impl Runtime {
 
     /// Decides about the next frame; the period goes with it.
     fn frame(&mut self, handle: u64, due: i64, note: &mut Note) -> Result<(Frame, i64), Refusal> {
-        let period = (self.script.period_ms * 1e6) as i64;
+        let usual = self.script.period_ms;
         let session = self.running(handle)?;
         session.last_display = due;
         let number = session.latest.number + 1;
+        let period = period(&session.script.frames, number, usual);
+        note.set("true_display_time", due + period);
+        note.set("true_period", period);
         let mut frame =
             Frame { number, display_time: due + period, should_render: session.state.is_visible() };
         let mut told_period = period;
@@ -285,4 +289,10 @@ impl Runtime {
 
 fn rules(rules: &[FrameRule], number: u64) -> impl Iterator<Item = &FrameRule> {
     rules.iter().filter(move |rule| within(number, rule.from, rule.to))
+}
+
+/// Nanoseconds between two pictures of the display at a frame.
+fn period(frames: &[FrameRule], number: u64, usual_ms: f64) -> i64 {
+    let scripted = rules(frames, number).filter_map(|rule| rule.period_ms).last();
+    (scripted.unwrap_or(usual_ms) * 1e6) as i64
 }

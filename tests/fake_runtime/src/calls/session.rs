@@ -76,7 +76,7 @@ pub(crate) fn create(
             sync_frames: (0, 0),
             hidden_corners: BTreeMap::new(),
             refresh_rate: (1000.0 / runtime.script.period_ms) as f32,
-            asked: (0, 0),
+            asked: (u64::MAX, 0),
         };
         let handle = runtime.objects.insert(instance.into_raw(), Object::Session(Box::new(object)));
         session.set(xr::Session::from_raw(handle))?;

@@ -132,7 +132,7 @@ pub(crate) fn locate_views(
         let base = runtime.in_local(handle, info.space.into_raw(), time)?.unwrap_or(Pose::IDENTITY);
         let head = runtime.head(handle, time)?;
         // The two-call idiom asks for the number of views first.
-        let head = if capacity > 0 { runtime.learned(handle, time)?.then(head) } else { head };
+        let head = if capacity > 0 { runtime.learned(handle)?.then(head) } else { head };
         let head = base.inverse().then(head);
         let located: Vec<(Pose, xr::Fovf)> =
             all.iter().map(|view| (head.then(world::view(view)), world::fov(view))).collect();
@@ -169,11 +169,12 @@ impl Runtime {
 
     /// By how much the head turns out to be elsewhere than it was said to be when a frame's views were asked
     /// for first.
-    fn learned(&mut self, session: u64, time: i64) -> Result<Pose, Refusal> {
+    fn learned(&mut self, session: u64) -> Result<Pose, Refusal> {
         let head = self.script.head;
         let session = self.session(session)?;
         let (last, times) = session.asked;
-        session.asked = (time, if last == time { times + 1 } else { 0 });
+        let frame = session.ended_frames;
+        session.asked = (frame, if last == frame { times + 1 } else { 0 });
         Ok(world::learned(&head, session.asked.1))
     }
 
