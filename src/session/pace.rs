@@ -54,9 +54,15 @@ pub struct Pace {
 
 impl Pace {
     /// The time for which poses are asked `now`, in nanoseconds of the display's clock: when the picture will
-    /// be seen if what is left of the frame takes as long as usual.
+    /// be seen if what is left of the frame takes as long as usual. All views are corrected to one time, or
+    /// two eyes would see two moments.
     pub fn ask(&mut self, asking: Asking, deadline: Deadline, now: i64) -> i64 {
-        let time = deadline.seen(now.saturating_add(self.left(asking)));
+        let is_late = |asking| matches!(asking, Asking::Late(_));
+        let first = self.asked.iter().find(|(before, ..)| is_late(asking) && is_late(*before));
+        let time = match first {
+            Some((_, time, _)) => *time,
+            None => deadline.seen(now.saturating_add(self.left(asking))),
+        };
         self.asked.push((asking, time, now));
         time
     }
@@ -134,6 +140,17 @@ mod tests {
         assert_eq!(pace.ask(Asking::Trace, deadline, 9 * PERIOD - 1), 9 * PERIOD);
         let ages = pace.end(deadline, 12 * PERIOD);
         assert_eq!((ages.begin, ages.trace, ages.late), (Some(-70.0), Some(-30.0), None));
+    }
+
+    #[test]
+    fn all_views_are_corrected_to_one_time() {
+        let mut pace = Pace::default();
+        let deadline = Deadline { time: 5 * PERIOD, period: Some(PERIOD) };
+        let first = pace.ask(Asking::Late(0), deadline, 7 * PERIOD);
+        assert_eq!(pace.ask(Asking::Late(1), deadline, 9 * PERIOD), first);
+        pace.end(deadline, 10 * PERIOD);
+        let next = Deadline { time: 15 * PERIOD, ..deadline };
+        assert_eq!(pace.ask(Asking::Late(1), next, 12 * PERIOD), 15 * PERIOD);
     }
 
     #[test]
