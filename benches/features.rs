@@ -40,9 +40,17 @@ fn variants() -> Vec<(&'static str, Features)> {
         ("alpha", Features { alpha: true, ..none }),
         ("vertex colours", Features { vertex_colors: true, ..none }),
         ("sun", Features { sun: true, ..none }),
+        ("emitters", Features { emitters: true, ..none }),
         (
             "all of them",
-            Features { textures: true, normal_maps: true, alpha: true, vertex_colors: true, sun: true },
+            Features {
+                textures: true,
+                normal_maps: true,
+                alpha: true,
+                vertex_colors: true,
+                sun: true,
+                emitters: true,
+            },
         ),
     ]
 }
@@ -175,6 +183,7 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
         let settings = Settings {
             rays: config.trace.rays,
             bounces: config.trace.bounces,
+            cached: false,
             edge_rays: config.trace.edge_rays,
             guided: true,
             seed: round as u32,

@@ -20,10 +20,74 @@ typedef struct {
     Reflection weights[32];
     float indirect[32];
     uint straight, bounced, hits, lost;
+    // Those that follow the reflection of a smooth surface.
+    uint smooth;
+#if HAS_EMITTERS
+    // Rays that are aimed at emitters, and the triangles that these are; NONE where their light is in the weights.
+    uint aimed, targets[32];
+#endif
 } Sample;
 
 // Seed of what is left to chance on a sample's rays: two samples may send rays in one direction.
 static uint chance_of(uint sample, uint seed) { return hash(sample ^ hash(seed + 11u)); }
+
+// Of the reflected rays this part looks for surfaces that the cache knows, and the others for the sky alone: what surfaces
+// send differs less from one direction to the next, and nearest hits cost more.
+#define LOOKING 0.5f
+
+static float looking_share(const Shading *shading) { return shading->cached ? LOOKING : 1.0f; }
+
+// Whether a ray is one of them: four neighbours in a row, whose points are stratified, of eight, and the others for the next
+// sample.
+static bool is_looking(const Shading *shading, uint sample, uint ray, uint seed)
+{
+    return !shading->cached || ((ray / 4u + sample + hash(seed)) & 1u) == 0u;
+}
+
+// Sets ray i of a stream, whose light counts by 1 / (density * rays).
+static void set_light_ray(const Shading *shading, Sample *sample, uint i, float3 light, float t_max, float density, Walker *w)
+{
+    Reflection r = reflection(&sample->surface, sample->f0, sample->view, light);
+    float scale = 1.0f / (density * (float)shading->rays);
+    sample->weights[i].diffuse = r.diffuse * scale;
+    sample->weights[i].specular = r.specular * scale;
+    set_ray(&w->rays, i, light, t_max);
+}
+
+#if HAS_EMITTERS
+// Aims ray i of a stream at an emitter.
+static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, uint i, float choice, uint2 u, Walker *w)
+{
+    const Surface *s = &sample->surface;
+    Aim aim;
+    if (!aim_at_emitter(scene, shading, s, w->origin, choice, (float2)(fraction(u.x), fraction(u.y)), &aim))
+        return;
+    float3 d = aim.direction;
+    if (!(dot3(s->normal, d) > 0.0f) || !(dot3(s->geometric, d) > 0.0f))
+        return;
+    float density = sample->mixture.emitters * aim.density;
+    if (!aim.is_punctual)
+        density += reflected_density(s, &sample->mixture, sample->view, d) * looking_share(shading);
+    set_light_ray(shading, sample, i, d, aim.distance, density, w);
+    sample->targets[i] = NONE;
+    if (aim.is_punctual) {
+        sample->weights[i].diffuse *= aim.light;
+        sample->weights[i].specular *= aim.light;
+    } else {
+        sample->targets[i] = scene->emitters[aim.emitter].place;
+    }
+    sample->aimed |= 1u << i;
+}
+#endif
+
+// Whether reflected rays look for the nearest surface, instead of any that hides the sky.
+static bool finds_surfaces(const Shading *shading)
+{
+    return shading->bounces > 0u || shading->cached || shading->emitter_share > 0.0f;
+}
+
+// Below this GGX alpha a surface shows what it reflects.
+#define SMOOTH_ALPHA 0.1f
 
 // Aims a stream of light rays: those from `first_ray` on.
 static void aim_stream(const Scene *scene, const Shading *shading, Sample *sample, uint first_ray, uint seed, Walker *w)
@@ -33,12 +97,24 @@ static void aim_stream(const Scene *scene, const Shading *shading, Sample *sampl
     float rotation = fraction(hash(index ^ hash(seed + 7u)));
     sample->straight = 0;
     sample->bounced = 0;
+    sample->smooth = 0;
+#if HAS_EMITTERS
+    sample->aimed = 0;
+#endif
+    float until_smooth = s->alpha < SMOOTH_ALPHA ? sample->mixture.sun + sample->mixture.environment + sample->mixture.specular : 0.0f;
     for (uint i = 0; i < n; ++i) {
         uint ray = first_ray + i;
-        float select = ((float)ray + rotation) / (float)shading->rays;
+        float select = min(((float)ray + rotation) / (float)shading->rays, 0.9999999f);
+        uint2 u = sobol(index * shading->rays + ray, seed);
+#if HAS_EMITTERS
+        float others = 1.0f - sample->mixture.emitters;
+        if (select >= others) {
+            aim_ray(scene, shading, sample, i, min((select - others) / sample->mixture.emitters, 0.9999999f), u, w);
+            continue;
+        }
+#endif
         bool reflected;
-        float3 light = sample_mixture(scene, shading, s, &sample->mixture, sample->view, min(select, 0.9999999f),
-                                      sobol(index * shading->rays + ray, seed), &reflected);
+        float3 light = sample_mixture(scene, shading, s, &sample->mixture, sample->view, select, u, &reflected);
         float cosine = dot3(s->normal, light);
         if (!(cosine > 0.0f) || !(dot3(s->geometric, light) > 0.0f))
             continue;
@@ -46,18 +122,25 @@ static void aim_stream(const Scene *scene, const Shading *shading, Sample *sampl
         float density = mixture_density(scene, shading, &sample->mixture, by_reflection, light);
         if (!(density > 0.0f))
             continue;
-        Reflection r = reflection(s, sample->f0, sample->view, light);
-        float scale = 1.0f / (density * (float)shading->rays);
-        sample->weights[i].diffuse = r.diffuse * scale;
-        sample->weights[i].specular = r.specular * scale;
-        sample->indirect[i] = density / by_reflection;
-        set_ray(&w->rays, i, light, INFINITY);
-        if (shading->bounces > 0u && reflected)
+        set_light_ray(shading, sample, i, light, INFINITY, density, w);
+        sample->indirect[i] = density / (by_reflection * looking_share(shading));
+        sample->smooth |= (select < until_smooth ? 1u : 0u) << i;
+        if (reflected && finds_surfaces(shading) && is_looking(shading, index, ray, seed))
             sample->bounced |= 1u << i;
         else
             sample->straight |= 1u << i;
     }
     w->mask = sample->straight;
+}
+
+// The rays of a stream that are aimed at emitters.
+static uint aimed_rays(const Sample *sample)
+{
+#if HAS_EMITTERS
+    return sample->aimed;
+#else
+    return 0u;
+#endif
 }
 
 // Traces the streams that were aimed. With bounces, reflected rays look for the nearest surface instead of any.
@@ -67,33 +150,60 @@ static void trace_streams(const Scene *scene, const Shading *shading, Sample *sa
     for (uint k = 0; k < n; ++k) {
         samples[k].lost = walkers[k].hits;
         samples[k].hits = 0;
-        walkers[k].mask = samples[k].bounced;
+        walkers[k].mask = samples[k].bounced | aimed_rays(&samples[k]);
     }
-    if (shading->bounces == 0u)
+    if (!finds_surfaces(shading))
         return;
     find_streams(scene, walkers, n);
     for (uint k = 0; k < n; ++k) {
-        samples[k].hits = walkers[k].hits;
+        // Surfaces are seen from their fronts by all rays that look for emitters, however they were chosen.
+        Sample *sample = &samples[k];
+        sample->hits = walkers[k].hits & sample->bounced;
+        sample->lost |= walkers[k].hits & aimed_rays(sample);
         // What passes behind a single-sided surface is still kept from the sky by it.
-        walkers[k].mask = samples[k].bounced & ~walkers[k].hits;
+        for (uint left = sample->bounced & ~sample->hits; left; left &= left - 1u) {
+            uint i = lowest_bit(left);
+            sample->lost |= (walkers[k].rays.triangle[i] == BACK_MET ? 1u : 0u) << i;
+        }
     }
-    hide_streams(scene, walkers, n);
-    for (uint k = 0; k < n; ++k)
-        samples[k].lost |= walkers[k].hits;
 }
 
-// Adds the light of a stream that is traced. Rays with a hit go on from there. What surfaces send is found by reflected
-// rays alone, so it counts by their density, and distant light by that of all rays.
-static uint add_stream(const Scene *scene, const Shading *shading, Sample *sample, uint first_ray, uint seed, Walker *w)
+// The light of ray i, which a surface has sent. It is found by reflected rays alone, so it counts by their density;
+// emitters' light by that of rays aimed at them, too.
+static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint i,
+                               uint seed, const Walker *w, uint *rays)
 {
-    uint all = sample->straight | sample->bounced, rays = popcount(all);
+    float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
+    uint place = w->rays.triangle[i];
+    float t = w->rays.t_max[i];
+    const Mixture *m = &sample->mixture;
+    float reflected = reflected_density(&sample->surface, m, sample->view, d) * looking_share(shading);
+    float3 light = emission_met(scene, shading, &sample->surface, w->origin, d, place, t, reflected, m->emitters);
+    uint chance = hash(sample->index * 32u + i + seed);
+    if (shading->bounces > 0u)
+        light += follow_path(scene, shading, w->origin, d, place, t, shading->bounces, chance, rays);
+    else if (shading->cached)
+        light += light_of_hit(scene, shading, cache, w->origin, d, place, t, sample->smooth >> i & 1u, chance, rays);
+    return light * sample->indirect[i];
+}
+
+// Adds the light of a stream that is traced.
+static uint add_stream(const Scene *scene, const Shading *shading, const Cache *cache, Sample *sample, uint first_ray, uint seed,
+                       Walker *w)
+{
+    uint all = sample->straight | sample->bounced | aimed_rays(sample), rays = popcount(all);
     for (uint left = all & ~sample->lost; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
         float3 light;
+#if HAS_EMITTERS
+        if (sample->aimed >> i & 1u) {
+            uint place = sample->targets[i];
+            light = place == NONE ? 1.0f : emitted_by(scene, place, w->origin, d, w->rays.t_max[i], w->seed);
+        } else
+#endif
         if (sample->hits >> i & 1u)
-            light = follow_path(scene, shading, w->origin, d, w->rays.triangle[i], w->rays.t_max[i], shading->bounces,
-                                hash(sample->index * 32u + i + hash(seed + first_ray)), &rays) * sample->indirect[i];
+            light = light_of_surface(scene, shading, cache, sample, i, hash(seed + first_ray), w, &rays);
         else
             light = distant_light(scene, shading, d, sample->surface.occlusion, !shading->guided);
         sample->sum.diffuse += sample->weights[i].diffuse * light;
@@ -131,6 +241,9 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     sample->radiance = 0.0f;
     sample->sum.diffuse = 0.0f;
     sample->sum.specular = 0.0f;
+#if HAS_EMITTERS
+    sample->aimed = 0;
+#endif
     sample->depth = 0.0f;
     sample->normal = 0;
     w->mask = 0;
@@ -149,7 +262,7 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     sample->lit = true;
     sample->view = -d;
     sample->f0 = specular_color(&s);
-    sample->mixture = mixture_at(&s, shading, sample->f0, -d, !shading->guided);
+    sample->mixture = mixture_at(&s, shading, sample->f0, -d, !shading->guided, true);
     w->origin = leave_surface(&s);
     w->seed = chance_of(index, camera->seed);
 }
@@ -181,11 +294,13 @@ static bool end_sample(const Shading *shading, const Sample *sample, __global Sa
 // estimate was not finite.
 __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first,
                             uint count, __global const HitRecord *hits, __global const VisibilityRecord *visibility,
-                            __global SampleRecord *records, __global uint *counters)
+                            __global SampleRecord *records, CacheInfo info, __global uint *keys, __global CacheCell *cells,
+                            __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
     // A copy, since it is changed below: in PoCL, the work-items of a group share a structure that is an argument.
     Shading shading = asked;
+    Cache cache = {keys, cells, 0, load3(camera.origin), info.least};
     uint2 range = share_of_item(count);
     uint n = range.y - range.x, rays = 0;
     Walker walkers[STREAMS];
@@ -221,7 +336,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         trace_streams(&scene, &shading, mine, walkers, n);
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
-                rays += add_stream(&scene, &shading, &mine[k], ray, camera.seed, &walkers[k]);
+                rays += add_stream(&scene, &shading, &cache, &mine[k], ray, camera.seed, &walkers[k]);
     }
     uint lost = 0;
     for (uint k = 0; k < n; ++k) {

@@ -145,14 +145,26 @@ impl<'de> Deserialize<'de> for Samples {
 pub struct TraceConfig {
     /// Light rays per sample.
     pub rays: u32,
-    /// Further bounces of light.
+    /// Further bounces of light by paths.
     pub bounces: u32,
+    /// Where light of further bounces comes from.
+    pub indirect: Indirect,
     /// More camera rays in each pixel where guided reconstruction finds an edge; 0 leaves edges jagged.
     pub edge_rays: u32,
     /// Seed of the random numbers: the same picture for the same seed on the same device.
     pub seed: u32,
     /// Which variant of the kernels is used.
     pub walk: WalkConfig,
+}
+
+/// Where light comes from that surfaces have reflected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Indirect {
+    /// A cache that is kept over frames, with guided reconstruction of fewer samples than pixels and no bounces.
+    Cache,
+    /// Paths alone, of as many bounces as are given.
+    Paths,
 }
 
 /// A variant of the kernels, or the fastest ones.
@@ -367,7 +379,8 @@ impl Default for FoveationConfig {
 
 impl Default for TraceConfig {
     fn default() -> Self {
-        TraceConfig { rays: 32, bounces: 0, edge_rays: 2, seed: 0, walk: WalkConfig::Auto }
+        let indirect = Indirect::Cache;
+        TraceConfig { rays: 32, bounces: 0, indirect, edge_rays: 2, seed: 0, walk: WalkConfig::Auto }
     }
 }
 
@@ -601,6 +614,14 @@ fn overlay(base: &mut Table, top: Table) {
 const MAX_SIDE: u32 = 16_384;
 
 impl Config {
+    /// Whether frames look reflected light up in the cache: guided ones of fewer samples than pixels, without bounces.
+    pub fn uses_cache(&self) -> bool {
+        self.trace.indirect == Indirect::Cache
+            && self.trace.bounces == 0
+            && self.reconstruction.method == Method::Guided
+            && self.foveation.samples != Samples::Full
+    }
+
     /// Each key by itself.
     fn check_keys(&self) -> Result<()> {
         let whole = |key: &str, value: u32, least: u32, most: u32| {

@@ -81,7 +81,7 @@ macro_rules! shared_structs {
 }
 
 /// Constants that kernels share.
-fn constants() -> [(&'static str, u32); 6] {
+fn constants() -> [(&'static str, u32); 7] {
     [
         ("LEAF", crate::bvh::wide::LEAF),
         ("EMPTY", crate::bvh::wide::EMPTY),
@@ -89,6 +89,7 @@ fn constants() -> [(&'static str, u32); 6] {
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
         ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
+        ("CACHE_CELLS", CACHE_CELLS),
     ]
 }
 
@@ -100,6 +101,8 @@ pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
 pub const UNTRACED: u32 = u32::MAX - 1;
 /// In [`VisibilityRecord::normal`]: the sun's centre is visible.
 pub const SUN_VISIBLE: u32 = 1 << 31;
+/// Cells of the cache of light.
+pub const CACHE_CELLS: u32 = 1 << 18;
 /// Materials at most: what [`Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 20;
 
@@ -183,11 +186,13 @@ pub struct Shading {
     pub rays: u32,
     /// Further bounces.
     pub bounces: u32,
+    /// 1: what surfaces send is looked up in the cache of light.
+    pub cached: u32,
     /// 1: [`SampleRecord`] for guided reconstruction, 0: for k-NN.
     pub guided: u32,
     /// 1: hits are stored per pixel, 0: per sample.
     pub hits_per_pixel: u32,
-    /// Punctual lights.
+    /// Punctual lights that are all asked; those that are chosen among come after them.
     pub lights: u32,
     /// Environment texels across.
     pub environment_width: u32,
@@ -198,12 +203,20 @@ pub struct Shading {
     pub sun_share: f32,
     /// See `sun_share`.
     pub environment_share: f32,
+    /// Share of the light rays that aim at emitters.
+    pub emitter_share: f32,
+    /// Triangles among the emitters, which come first.
+    pub emitters: u32,
     /// The sun: direction towards it.
     pub sun_direction: [f32; 3],
     /// The sun's radiance.
     pub sun_radiance: [f32; 3],
     /// 1 - cos of the sun's angular radius.
     pub sun_one_minus_cos: f32,
+    /// Nothing beyond this box is in the way of directional lights: lower corner; infinite where there is none.
+    pub lit_lower: [f32; 3],
+    /// Its upper corner.
+    pub lit_upper: [f32; 3],
 }
 
 /// A triangle's vertices and material, in leaf order: 16 bytes.
@@ -296,6 +309,78 @@ pub struct Alias {
     pub threshold: u32,
     /// Else this one.
     pub alias: u32,
+}
+
+/// Something to aim at.
+pub struct Emitter {
+    /// A corner of the triangle, relative to the anchor.
+    pub corner: [f32; 3],
+    /// The triangle's place in leaf order; of a punctual light its number.
+    pub place: u32,
+    /// The edges from that corner to the next and to the last.
+    pub edges: [[f32; 3]; 2],
+    /// The way to it through the tree: bit k is set where the second child is taken at depth k.
+    pub trail: u32,
+    /// Bit 0: a punctual light; bit 1: a triangle that shines on both sides.
+    pub kind: u32,
+}
+
+/// A node of the tree over emitters: see `src/scene/light_tree.rs`.
+pub struct LightNode {
+    /// Lower corner of its box.
+    pub lower: [f32; 3],
+    /// Sum of the powers in it.
+    pub power: f32,
+    /// Upper corner of its box.
+    pub upper: [f32; 3],
+    /// Cosine of the half angle of the cone around its normals.
+    pub cos_spread: f32,
+    /// Axis of that cone.
+    pub axis: [f32; 3],
+    /// The second child, the first being the next node; or, with `LEAF`'s bit, an emitter.
+    pub link: u32,
+}
+
+/// What is known of a cell of the cache of light.
+pub struct CacheCell {
+    /// Mean radiance that its surfaces send.
+    pub radiance: [f32; 3],
+    /// How many samples that is the mean of, older ones counting less; negative: a wall parts it, and smaller cells count.
+    pub samples: f32,
+    /// The frame in which it was last passed by a path.
+    pub frame: u32,
+    /// The frame in which it was first.
+    pub born: u32,
+}
+
+/// What paths bring to a cell in a frame: integers of two words, the low one first.
+pub struct CacheSum {
+    /// Radiance in units of 2^-30 of [`CacheInfo::scale`].
+    pub red: [u32; 2],
+    /// See `red`.
+    pub green: [u32; 2],
+    /// See `red`.
+    pub blue: [u32; 2],
+    /// Paths.
+    pub count: u32,
+    /// Bit 0: a wall was found in the cell; bit 1: it was passed, although a wall parts it.
+    pub parted: u32,
+}
+
+/// The cache in a frame.
+pub struct CacheInfo {
+    /// Counts frames from 1 on.
+    pub frame: u32,
+    /// Paths that bring light in this frame.
+    pub paths: u32,
+    /// No cell is smaller than half of this: metres.
+    pub least: f32,
+    /// A radiance of the scene's order of magnitude.
+    pub scale: f32,
+    /// After so many frames samples count half as much.
+    pub half_life: f32,
+    /// After so many frames without a path a cell is given up.
+    pub lifetime: u32,
 }
 
 /// Eight children of a node: see [`crate::bvh::wide`].

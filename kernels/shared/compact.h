@@ -51,8 +51,11 @@ static bool meet_triangle(const Scene *scene, uint place, __global const float *
 #endif
     if (kind == ANY)
         return true;
-    if (volumes.x + volumes.y + volumes.z < 0.0f && !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED))
+    if (volumes.x + volumes.y + volumes.z < 0.0f && !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED)) {
+        if (kind == CLOSEST_OR_BACK && *triangle == NONE)
+            *triangle = BACK_MET;
         return false;
+    }
     *t_max = distance;
     *triangle = place;
     return true;

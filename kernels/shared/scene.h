@@ -23,6 +23,8 @@ typedef struct {
     __global const Light *lights;
     __global const EnvironmentTexel *environment;
     __global const Alias *alias;
+    __global const Emitter *emitters; // triangles first, sorted by their places
+    __global const LightNode *light_nodes;
 } Scene;
 
 #define SCENE_PARAMETERS                                                                            \
@@ -31,12 +33,13 @@ typedef struct {
         __global const float2 *uv1, __global const half *colors, __global const Material *materials, \
         __global const TextureInfo *textures, __global const uint *texels, __global const float *srgb, \
         __global const Light *lights, \
-        __global const EnvironmentTexel *environment, __global const Alias *alias
+        __global const EnvironmentTexel *environment, __global const Alias *alias, \
+        __global const Emitter *emitters, __global const LightNode *light_nodes
 
 #define SCENE_ARGUMENTS                                                                              \
     {                                                                                                \
         nodes, leaves, triangles, normals, tangents, uv0, uv1, colors, materials, textures, texels,  \
-            srgb, lights, environment, alias                                                               \
+            srgb, lights, environment, alias, emitters, light_nodes                                                               \
     }
 
 #define TRIANGLE_MATERIAL(packed) ((packed) & 0xfffffu)

@@ -158,8 +158,9 @@ __attribute__((noinline)) static void hide_streams(const Scene *scene, Walker *w
     walk_streams(scene, walkers, count, ANY);
 }
 
-// Finds the rays of each walker that hit something, and their nearest hits: t_max and triangle.
+// Finds the rays of each walker that hit something, and their nearest hits: t_max and triangle, which tells of others
+// whether they have met a surface from behind.
 __attribute__((noinline)) static void find_streams(const Scene *scene, Walker *walkers, uint count)
 {
-    walk_streams(scene, walkers, count, CLOSEST_FRONT);
+    walk_streams(scene, walkers, count, CLOSEST_OR_BACK);
 }

@@ -262,6 +262,10 @@ static int8 lanes_met(const Leaf *l, uint n, float3 d, float8 *u, float8 *v, flo
 // What a ray asks of a leaf.
 #define CLOSEST_FRONT 0
 #define ANY 1
+// As CLOSEST_FRONT; a ray without a hit, whose `triangle` was NONE, has BACK_MET there if it has met a surface from behind,
+// which keeps light from it.
+#define CLOSEST_OR_BACK 2
+#define BACK_MET 0xfffffffdu
 
 // Tests one ray against a leaf: true where it is hit (ANY), or a hit nearer than t_max was stored.
 static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, float3 d, float *t_max, uint *triangle,
@@ -309,8 +313,11 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
             return true;
         // The volumes of a front face, counter-clockwise to the viewer, are positive.
         if (volumes.x + volumes.y + volumes.z < 0.0f &&
-            !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED))
+            !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED)) {
+            if (kind == CLOSEST_OR_BACK && *triangle == NONE)
+                *triangle = BACK_MET;
             continue;
+        }
         *t_max = distance;
         *triangle = place;
         stored = true;

@@ -36,6 +36,7 @@ typedef struct {
 typedef struct {
     uint rays;
     uint bounces;
+    uint cached;
     uint guided;
     uint hits_per_pixel;
     uint lights;
@@ -43,9 +44,13 @@ typedef struct {
     uint environment_height;
     float sun_share;
     float environment_share;
+    float emitter_share;
+    uint emitters;
     float sun_direction[3];
     float sun_radiance[3];
     float sun_one_minus_cos;
+    float lit_lower[3];
+    float lit_upper[3];
 } Shading;
 
 typedef struct {
@@ -100,6 +105,47 @@ typedef struct {
 } Alias;
 
 typedef struct {
+    float corner[3];
+    uint place;
+    float edges[2][3];
+    uint trail;
+    uint kind;
+} Emitter;
+
+typedef struct {
+    float lower[3];
+    float power;
+    float upper[3];
+    float cos_spread;
+    float axis[3];
+    uint link;
+} LightNode;
+
+typedef struct {
+    float radiance[3];
+    float samples;
+    uint frame;
+    uint born;
+} CacheCell;
+
+typedef struct {
+    uint red[2];
+    uint green[2];
+    uint blue[2];
+    uint count;
+    uint parted;
+} CacheSum;
+
+typedef struct {
+    uint frame;
+    uint paths;
+    float least;
+    float scale;
+    float half_life;
+    uint lifetime;
+} CacheInfo;
+
+typedef struct {
     float lower[3][8];
     float upper[3][8];
     uint children[8];
@@ -121,3 +167,4 @@ typedef struct {
 #define TRIANGLE_DOUBLE_SIDED 0x8000000u
 #define UNTRACED 0xfffffffeu
 #define SUN_VISIBLE 0x80000000u
+#define CACHE_CELLS 0x40000u

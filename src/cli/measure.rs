@@ -52,6 +52,8 @@ pub fn run(args: &Args) -> Result<()> {
     defaults.view.width = shrunk(defaults.view.width);
     defaults.view.height = shrunk(defaults.view.height);
     defaults.foveation.samples = crate::config::Samples::Share(55_000.0 / 1_024_000.0);
+    // What is given is compared with a reference of as many bounces of light.
+    defaults.trace.indirect = crate::config::Indirect::Paths;
     let config = args.options.config_over(Layers::over(defaults))?;
     let profile = mock::fitted(mock::profile(&args.headset)?, &config, args.options.fov_y());
     whole_file::check_folder(&args.out)?;

@@ -232,6 +232,7 @@ fn record(frame: u32, time: f64, plan: &Plan, report: &FrameReport, gaze: DVec2,
         pattern_ms: report.pattern_ms,
         trace_ms: report.stages.trace,
         shade_ms: report.stages.shade,
+        light_ms: report.stages.light,
         share_ms: report.stages.share,
         reconstruct_ms: report.stages.reconstruct,
         frame_ms: report.frame_ms,
@@ -253,7 +254,7 @@ impl Summary {
         output::print_line(&format!(
             "{} frames for the {}, {:.1} fps (median frame {:.0} ms, p99 {:.0} ms)\n\
              {} shaded samples for {} pixels (1 for {:.1}), {:.2} Mrays a frame, {:.2} Mrays/s\n\
-             trace {:.1} ms, shade {:.1} ms, share {:.1} ms ({}), reconstruct {:.1} ms\n\
+             trace {:.1} ms, shade {:.1} ms, light {:.1} ms, share {:.1} ms ({}), reconstruct {:.1} ms\n\
              traced by {}, reconstructed by {}\n\
              {}: pictures, contact_sheet.png, preview.gif, frames.jsonl",
             r.frames,
@@ -268,6 +269,7 @@ impl Summary {
             r.mrays_per_second,
             r.stage_ms.trace,
             r.stage_ms.shade,
+            r.stage_ms.light,
             r.stage_ms.share,
             r.sharing,
             r.stage_ms.reconstruct,

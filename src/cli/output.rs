@@ -71,11 +71,12 @@ impl RenderSummary {
         let stage_ms = StageMs {
             trace: median(&|f| f.stages.trace),
             shade: median(&|f| f.stages.shade),
+            light: median(&|f| f.stages.light),
             share: median(&|f| f.stages.share),
             reconstruct: median(&|f| f.stages.reconstruct),
         };
         let rays = median(&|f| f.rays as f64);
-        let tracing_ms = stage_ms.trace + stage_ms.shade;
+        let tracing_ms = stage_ms.trace + stage_ms.shade + stage_ms.light;
         RenderSummary {
             width: 0,
             height: 0,

@@ -36,6 +36,9 @@ pub struct Args {
     options: RenderOptions,
 }
 
+/// Steps of the cache of light before a picture: as many as frames take until a new view is lit.
+const LIGHT_STEPS: u64 = 60;
+
 #[derive(Clone, Copy, PartialEq)]
 enum FileKind {
     Png,
@@ -70,6 +73,8 @@ pub fn run(args: &Args) -> Result<()> {
     let mut sum = Sum::default();
     let bar = output::progress(args.passes.into(), "passes");
     renderer.set_jitter(averaged);
+    // No frames came before that could have filled the cache of light.
+    renderer.light_ahead(LIGHT_STEPS);
     for pass in 0..args.passes {
         frames.push(renderer.frame(&plan, &gaze, config.trace.seed.wrapping_add(pass))?);
         if averaged {

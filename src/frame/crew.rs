@@ -21,6 +21,9 @@ pub struct DeviceShare {
     pub trace_ms: f64,
     /// Device time of shading.
     pub shade_ms: f64,
+    /// Device time of the cache of light, which each device keeps by itself.
+    #[serde(default)]
+    pub light_ms: f64,
     /// Copying its results, where they do not land in place.
     pub copy_ms: f64,
 }
@@ -131,6 +134,7 @@ impl ViewReport {
         share.samples += done.part.samples.len() as u64;
         share.trace_ms += done.slices.iter().map(|(_, ms)| ms[0]).sum::<f64>();
         share.shade_ms += done.slices.iter().map(|(_, ms)| ms[1]).sum::<f64>();
+        share.light_ms += done.light_ms;
         share.copy_ms += done.copy_ms;
     }
 
@@ -143,7 +147,7 @@ impl ViewReport {
 impl DeviceShare {
     /// All of its time, in milliseconds.
     pub fn busy_ms(&self) -> f64 {
-        self.trace_ms + self.shade_ms + self.copy_ms
+        self.trace_ms + self.shade_ms + self.light_ms + self.copy_ms
     }
 
     /// Adds what it did for another view.
@@ -151,11 +155,13 @@ impl DeviceShare {
         self.samples += other.samples;
         self.trace_ms += other.trace_ms;
         self.shade_ms += other.shade_ms;
+        self.light_ms += other.light_ms;
         self.copy_ms += other.copy_ms;
     }
 }
 
 fn observation(device: usize, done: Done) -> Observation {
     let slice = |(part, [pixels_ms, samples_ms]): (Part, [f64; 2])| Slice { part, pixels_ms, samples_ms };
-    Observation { device, slices: done.slices.into_iter().map(slice).collect(), overhead_ms: done.copy_ms }
+    let overhead_ms = done.copy_ms + done.light_ms;
+    Observation { device, slices: done.slices.into_iter().map(slice).collect(), overhead_ms }
 }

@@ -32,6 +32,8 @@ pub struct FrameRecord {
     pub trace_ms: f64,
     /// Shading the samples.
     pub shade_ms: f64,
+    /// Keeping the cache of light.
+    pub light_ms: f64,
     /// Bringing the results to the presenting device.
     pub share_ms: f64,
     /// From samples to pixels.
@@ -108,10 +110,17 @@ mod tests {
             pattern_ms: 2.0,
             trace_ms: 4.0,
             shade_ms: 6.0,
+            light_ms: 1.5,
             share_ms: 0.5,
             reconstruct_ms: 1.0,
             frame_ms,
-            devices: vec![DeviceShare { samples: 55_000, trace_ms: 4.0, shade_ms: 6.0, copy_ms: 0.5 }],
+            devices: vec![DeviceShare {
+                samples: 55_000,
+                trace_ms: 4.0,
+                shade_ms: 6.0,
+                light_ms: 1.5,
+                copy_ms: 0.5,
+            }],
             gaze: DVec2::new(0.25, 0.75),
             head_position: DVec3::new(1.0, 2.0, 3.0),
             head_orientation: DQuat::from_rotation_y(0.3),

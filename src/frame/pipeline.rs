@@ -37,6 +37,9 @@ pub struct StageMs {
     pub trace: f64,
     /// Shading with all light rays: device time of the slowest device.
     pub shade: f64,
+    /// Keeping the cache of light: device time of the slowest device.
+    #[serde(default)]
+    pub light: f64,
     /// Getting samples from OpenCL to Vulkan, on the slowest device.
     pub share: f64,
     /// Samples to pixels: device time.
@@ -78,6 +81,9 @@ pub struct Renderer {
     meter: Meter,
     sun: Option<Sun>,
     output: Output,
+    /// Steps of the cache of light so far, and those that the next view makes.
+    light: u64,
+    light_steps: u64,
     views: Vec<TracedView>,
     image: Option<Image>,
 }
@@ -213,6 +219,8 @@ impl Renderer {
             meter: Meter::new(&config.view, output),
             sun: loaded.environment.sun,
             output,
+            light: 0,
+            light_steps: 1,
             views: Vec::new(),
             image: None,
         };
@@ -299,10 +307,15 @@ impl Renderer {
     /// Has all devices trace their parts of a view, and waits until the results are where Vulkan reads them.
     fn trace(&mut self, index: usize, view: &View, seed: u32, report: &mut FrameReport) -> Result<()> {
         let traced = &self.views[index];
+        // Averages of many pictures are meant to be exact.
+        let cached = self.settings.cached && !self.settings.jitter;
+        self.light += self.light_steps;
+        self.light_steps = 1;
         let job = Job {
             index,
             view: *view,
-            settings: trace::Settings { seed, ..self.settings },
+            settings: trace::Settings { seed, cached, ..self.settings },
+            light: self.light,
             pattern: traced.pattern.clone(),
             workload: traced.workload.clone(),
             landing: traced.landing.clone(),
@@ -314,6 +327,7 @@ impl Renderer {
         report.rays += done.rays;
         report.stages.trace += slowest.trace_ms;
         report.stages.shade += slowest.shade_ms;
+        report.stages.light += slowest.light_ms;
         report.stages.share += slowest.copy_ms;
         report.devices.resize(done.devices.len(), DeviceShare::default());
         report.devices.iter_mut().zip(&done.devices).for_each(|(sum, share)| sum.add(share));
@@ -467,6 +481,12 @@ impl Renderer {
         &mut self.meter
     }
 
+    /// The next view is traced with a cache of light that has made so many steps for it (64 at most), and not one: for a
+    /// picture that none came before.
+    pub fn light_ahead(&mut self, steps: u64) {
+        self.light_steps = steps;
+    }
+
     /// Camera rays go through random points of their pixels from now on, or through their centres.
     pub fn set_jitter(&mut self, jitter: bool) {
         self.settings.jitter = jitter;
@@ -485,6 +505,7 @@ fn trace_settings(config: &Config) -> trace::Settings {
     trace::Settings {
         rays: config.trace.rays,
         bounces: config.trace.bounces,
+        cached: config.uses_cache(),
         edge_rays: config.trace.edge_rays,
         guided: config.reconstruction.method == Method::Guided,
         seed: config.trace.seed,

@@ -15,6 +15,7 @@ use super::random::Random;
 use super::surface::Surface;
 use super::texture::TextureMode;
 use crate::math::view::View;
+use crate::scene::emitters::Source;
 use crate::scene::{Environment, Scene, Sun};
 
 /// A mean of independent samples, per channel.
@@ -63,6 +64,9 @@ pub struct Renderer<'a> {
     pub bounces: u32,
     environment: &'a Environment,
     map: EnvironmentSampler,
+    has_emitters: bool,
+    /// Nothing beyond this box is in the way of directional lights.
+    lit: Option<[DVec3; 2]>,
 }
 
 impl<'a> Renderer<'a> {
@@ -74,6 +78,8 @@ impl<'a> Renderer<'a> {
             bounces: 0,
             environment,
             map: EnvironmentSampler::new(environment),
+            has_emitters: crate::scene::emitters::any(scene),
+            lit: crate::scene::emitters::lit_bounds(scene).map(|lit| lit.map(|corner| corner.as_dvec3())),
         }
     }
 
@@ -114,7 +120,7 @@ impl<'a> Renderer<'a> {
             let sun = self.environment.sun.as_ref().map_or(DVec3::ZERO, |sun| {
                 midpoints(grid, |at| self.sun_arriving(surface, sun, light::towards_sun(sun, at)))
             });
-            surface.emission + map + sun + self.punctual(surface)
+            surface.emission + map + sun + self.punctual(surface) + self.emitters(surface, grid)
         };
         background + surfaces.iter().map(|(weight, surface)| *weight * shade(surface)).sum::<DVec3>()
     }
@@ -134,7 +140,7 @@ impl<'a> Renderer<'a> {
         if surface.unlit {
             return surface.base_color;
         }
-        let mut light = surface.emission + self.punctual(surface);
+        let mut light = if depth == 0 { surface.emission } else { DVec3::ZERO } + self.punctual(surface);
         if self.map.is_lit() {
             let direction = self.draw(surface, Some(&self.map), random);
             if surface.faces(direction) {
@@ -145,13 +151,14 @@ impl<'a> Renderer<'a> {
         if let Some(sun) = &self.environment.sun {
             light += self.sun_arriving(surface, sun, light::towards_sun(sun, random.pair()));
         }
-        if depth < self.bounces {
+        if depth < self.bounces || self.has_emitters {
             light += self.bounce(surface, depth, random);
         }
         light
     }
 
-    /// One sample of what other surfaces send by way of this one.
+    /// One sample of what other surfaces send by way of this one: what is their own, as direct light, and what they
+    /// reflect while bounces are left.
     fn bounce(&self, surface: &Surface, depth: u32, random: &mut Random) -> DVec3 {
         let direction = self.draw(surface, None, random);
         if !surface.faces(direction) {
@@ -167,7 +174,13 @@ impl<'a> Renderer<'a> {
         let next = Surface::at(&self.tracer, &ray, &layer.hit, self.texture_mode);
         let cosine = surface.normal.dot(direction);
         let through = brdf::evaluate(surface, direction) * cosine / density(surface, None, direction);
-        through * self.shade(&next, depth + 1, random)
+        let own = if next.unlit { next.base_color } else { next.emission };
+        let reflected = if depth < self.bounces && !next.unlit {
+            self.shade(&next, depth + 1, random)
+        } else {
+            DVec3::ZERO
+        };
+        through * (own + reflected)
     }
 
     /// The map's light from a direction, reflected: BRDF times radiance, without the cosine.
@@ -189,7 +202,47 @@ impl<'a> Renderer<'a> {
     fn punctual(&self, surface: &Surface) -> DVec3 {
         let lights = self.tracer.scene().lights.iter();
         let arrivals = lights.filter_map(|light| light::punctual(light, surface.position));
-        arrivals.map(|a| self.beam(surface, a.direction, a.distance, a.irradiance)).sum()
+        let reach = |direction: DVec3| match self.lit {
+            None => f64::INFINITY,
+            Some([low, high]) => {
+                (0..3).filter(|&axis| direction[axis] != 0.0).fold(f64::INFINITY, |t, axis| {
+                    let side = if direction[axis] > 0.0 { high[axis] } else { low[axis] };
+                    t.min((side - surface.position[axis]) / direction[axis])
+                })
+            }
+        };
+        let beam = |a: light::Arrival| {
+            let distance = if a.distance.is_finite() { a.distance } else { reach(a.direction) };
+            self.beam(surface, a.direction, distance, a.irradiance)
+        };
+        arrivals.map(beam).sum()
+    }
+
+    /// The light of triangles that emit, reflected, by the midpoint rule over their areas.
+    fn emitters(&self, surface: &Surface, grid: u32) -> DVec3 {
+        let triangles = crate::scene::emitters::of(self.tracer.scene()).into_iter();
+        let sources = triangles.filter_map(|emitter| match emitter.source {
+            Source::Triangle(index) => Some(self.tracer.corners[index as usize]),
+            Source::Light(_) => None,
+        });
+        sources.map(|corners| midpoints(grid, |at| self.emitted_arriving(surface, corners, at))).sum()
+    }
+
+    /// The light of a whole triangle, reflected, as if all of it were like the point that uniform `at` chooses.
+    fn emitted_arriving(&self, surface: &Surface, [a, b, c]: [DVec3; 3], at: [f64; 2]) -> DVec3 {
+        let root = at[0].sqrt();
+        let point = a + (b - a) * (root * (1.0 - at[1])) + (c - a) * (root * at[1]);
+        let offset = point - surface.position;
+        let direction = offset.normalize_or_zero();
+        let ray = surface.spawn(direction);
+        let Some(hit) = self.tracer.closest(&ray, f64::INFINITY) else { return DVec3::ZERO };
+        if (hit.t / offset.length() - 1.0).abs() > 1e-6 || !surface.faces(direction) {
+            return DVec3::ZERO;
+        }
+        let source = Surface::at(&self.tracer, &ray, &hit, self.texture_mode);
+        let radiance = if source.unlit { source.base_color } else { source.emission };
+        let solid_angle = 0.5 * (b - a).cross(c - a).dot(direction).abs() / offset.length_squared();
+        brdf::evaluate(surface, direction) * radiance * (solid_angle * surface.normal.dot(direction))
     }
 
     /// A beam of light that has `irradiance` across it, reflected towards the viewer.

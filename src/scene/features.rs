@@ -1,7 +1,8 @@
-//! What a scene requires of the kernels: one pure function, a handful of flags. Emission and punctual lights have
-//! none, since kernels without them were no faster and no smaller (`benches/features.rs`).
+//! What a scene requires of the kernels: one pure function, a handful of flags. Emission that is only seen
+//! and a few punctual lights have none, since kernels without them were no faster and no smaller
+//! (`benches/features.rs`).
 
-use super::{AlphaMode, Environment, Scene};
+use super::{AlphaMode, Environment, Scene, emitters};
 
 /// Kernel features; each becomes `-D NAME=0|1`, and buffers exist only for those that are on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
@@ -16,6 +17,8 @@ pub struct Features {
     pub vertex_colors: bool,
     /// The environment has a sun of its own.
     pub sun: bool,
+    /// There is something to aim at that lights others: see [`emitters::any`].
+    pub emitters: bool,
 }
 
 impl Features {
@@ -28,17 +31,19 @@ impl Features {
             alpha: any(&|m| m.alpha != AlphaMode::Opaque),
             vertex_colors: !scene.mesh.colors.is_empty(),
             sun: environment.sun.is_some(),
+            emitters: emitters::any(scene),
         }
     }
 
     /// Every feature with its kernel name, in a fixed order.
-    pub fn defines(&self) -> [(&'static str, bool); 5] {
+    pub fn defines(&self) -> [(&'static str, bool); 6] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_NORMAL_MAPS", self.normal_maps),
             ("HAS_ALPHA", self.alpha),
             ("HAS_VERTEX_COLORS", self.vertex_colors),
             ("HAS_SUN", self.sun),
+            ("HAS_EMITTERS", self.emitters),
         ]
     }
 }

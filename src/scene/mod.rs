@@ -4,12 +4,14 @@
 //! [`Scene::anchor`], which is kept in `f64`: transforms are composed in `f64` first, so a scene
 //! far from the origin loses nothing.
 
+pub mod emitters;
 pub mod environment;
 pub mod features;
 pub mod generate;
 pub mod gltf;
 pub mod importance;
 pub mod info;
+pub mod light_tree;
 pub mod material;
 pub mod pick;
 pub mod sky;

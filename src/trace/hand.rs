@@ -8,9 +8,12 @@ use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::interop::Shared;
-use crate::gpu::opencl::{Buffer, Device, DeviceInfo};
+use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
+
+/// Steps of the cache of light that a device makes up for at most.
+const MISSED_STEPS: u64 = 64;
 
 /// A view to trace, the same for all devices.
 #[derive(Clone)]
@@ -21,6 +24,8 @@ pub struct Job {
     pub view: View,
     /// How its samples are traced.
     pub settings: Settings,
+    /// Steps of the cache of light that are made before it, counted from the first frame on: all devices make the same.
+    pub light: u64,
     /// Where its samples are.
     pub pattern: Arc<Pattern>,
     /// The pattern's tiles and samples, as parts are cut from them.
@@ -49,6 +54,8 @@ pub struct Done {
     pub slices: Vec<(Part, [f64; 2])>,
     /// What the device kept the frame waiting for beside: copying results, in milliseconds.
     pub copy_ms: f64,
+    /// Device time of the cache of light, in milliseconds.
+    pub light_ms: f64,
     /// Camera rays and light rays.
     pub rays: u64,
     /// Samples whose estimate was not finite.
@@ -81,6 +88,8 @@ pub struct DeviceHand {
     direct: bool,
     /// Parts that are timed apart: they tell where the costs are. Graphics cards idle at each part's end.
     slices: u32,
+    /// Steps that its cache of light has made.
+    light: u64,
     views: Vec<Option<OwnView>>,
 }
 
@@ -99,7 +108,13 @@ impl DeviceHand {
     /// Where the device fails its self-test, or the scene does not fit.
     pub fn new(device: &Device, data: &SceneData, walks: Walks, direct: bool) -> Result<Self> {
         let slices = if device.info().kind == "cpu" { 4 } else { 1 };
-        Ok(DeviceHand { tracer: Tracer::open(device, data, walks)?, direct, slices, views: Vec::new() })
+        Ok(DeviceHand {
+            tracer: Tracer::open(device, data, walks)?,
+            direct,
+            slices,
+            light: 0,
+            views: Vec::new(),
+        })
     }
 
     /// Opens a device anew, as after a failure.
@@ -154,6 +169,14 @@ impl Hand for DeviceHand {
         };
         let parts = job.workload.slices(part, self.slices);
         let tracer = &mut self.tracer;
+        let mut lit = Vec::new();
+        if job.settings.cached {
+            // What a device has missed it makes up for, within bounds.
+            for step in self.light.max(job.light.saturating_sub(MISSED_STEPS))..job.light {
+                lit.extend(tracer.update_light(&job.view, &job.settings, &own.uploaded, step + 1)?);
+            }
+            self.light = job.light;
+        }
         samples.acquire()?;
         visibility.map_or(Ok(()), Buffer::acquire)?;
         let work =
@@ -164,8 +187,9 @@ impl Hand for DeviceHand {
         let mut done = Done {
             part: part.clone(),
             slices: parts.into_iter().zip(traced.parts_ms).collect(),
-            rays: traced.rays,
+            rays: traced.rays + if lit.is_empty() { 0 } else { tracer.light_rays()? },
             dropped: traced.dropped,
+            light_ms: lit.iter().map(Event::device_ms).sum(),
             ..Done::default()
         };
         if direct.is_none() {

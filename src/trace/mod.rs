@@ -1,8 +1,10 @@
 //! Tracing: what one OpenCL device does with its share of a frame — camera rays, what pixels see, the shading
 //! of samples — and several devices that do theirs at the same time.
 
+mod emitters;
 mod fleet;
 mod hand;
+mod light_cache;
 pub mod probe;
 mod scene_buffers;
 mod self_test;

@@ -163,7 +163,15 @@ impl Probe {
     /// # Errors
     /// [`crate::Error::Device`] where the device has no room for them.
     pub fn look(&mut self, view: &View, pattern: &Pattern) -> Result<()> {
-        let settings = Settings { rays: 1, bounces: 0, edge_rays: 0, guided: false, seed: 0, jitter: false };
+        let settings = Settings {
+            rays: 1,
+            bounces: 0,
+            cached: false,
+            edge_rays: 0,
+            guided: false,
+            seed: 0,
+            jitter: false,
+        };
         self.camera = tracer::camera(view, self.anchor, &settings);
         self.sampled = Buffer::from_slice(&self.device, &pattern.samples)?;
         self.sample_count = pattern.samples.len();

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use half::f16;
 
 use super::{Walk, Walks};
@@ -12,7 +12,9 @@ use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device};
 use crate::layout::{self, pack_normal};
 use crate::scene::importance::DirectionTable;
-use crate::scene::{AlphaMode, Environment, Features, LightKind, Scene, TextureRef, texture::Wrap};
+use crate::scene::{AlphaMode, Environment, Features, LightKind, Scene, TextureRef, emitters, texture::Wrap};
+
+use super::emitters::{PackedEmitters, lights_asked, lights_in_order};
 
 /// A scene packed for upload, once for all devices. What no feature requires does not exist.
 #[derive(Debug)]
@@ -39,7 +41,9 @@ pub struct SceneData {
     lights: Option<Vec<layout::Light>>,
     environment: Vec<layout::EnvironmentTexel>,
     alias: Vec<layout::Alias>,
+    emitters: Option<PackedEmitters>,
     shading: layout::Shading,
+    cache: layout::CacheInfo,
 }
 
 /// All buffers of a scene. Those that no feature requires do not exist.
@@ -62,8 +66,12 @@ pub struct SceneBuffers {
     lights: Option<Buffer<layout::Light>>,
     environment: Buffer<layout::EnvironmentTexel>,
     alias: Buffer<layout::Alias>,
+    emitters: Option<Buffer<layout::Emitter>>,
+    light_nodes: Option<Buffer<layout::LightNode>>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
     pub shading: layout::Shading,
+    /// What the cache of light has to know of the scene.
+    pub cache: layout::CacheInfo,
 }
 
 /// A device buffer's name and size.
@@ -78,6 +86,8 @@ pub struct BufferBytes {
 /// Share of the light rays that aim at the sun, and at the environment map.
 const SUN_SHARE: f32 = 0.125;
 const ENVIRONMENT_SHARE: f32 = 0.375;
+/// The same for emitters.
+const EMITTER_SHARE: f32 = 0.25;
 
 impl SceneData {
     /// What a texel of the environment map takes of a device's memory, with its entry of the alias table.
@@ -103,6 +113,7 @@ impl SceneData {
         let mesh = &scene.mesh;
         let directions = DirectionTable::new(environment);
         let (infos, texels) = pack_textures(scene)?;
+        let packed = PackedEmitters::of(scene, bvh);
         let uv = |slot: usize| {
             let values: &[[f32; 2]] = bytemuck::cast_slice(&mesh.uvs[slot]);
             (features.textures && !values.is_empty()).then(|| values.to_vec())
@@ -125,7 +136,9 @@ impl SceneData {
             lights: (!scene.lights.is_empty()).then(|| pack_lights(scene)),
             environment: pack_environment(environment, &directions),
             alias: pack_alias(&directions),
-            shading: shading(scene, environment, &directions),
+            shading: shading(scene, environment, &directions, packed.as_ref()),
+            emitters: packed,
+            cache: cache_info(scene, environment),
             features,
         })
     }
@@ -138,6 +151,10 @@ impl SceneData {
         fn may<T>(name: &'static str, values: &Option<Vec<T>>) -> Option<BufferBytes> {
             values.as_ref().and_then(|values| of(name, values))
         }
+        let emitters = self
+            .emitters
+            .iter()
+            .flat_map(|packed| [of("emitters", &packed.list), of("light tree", &packed.nodes)]);
         let nodes = |walk, name, bytes| {
             walks.contain(walk).then(|| BufferBytes { name, bytes: self.nodes.len().max(1) * bytes })
         };
@@ -160,6 +177,7 @@ impl SceneData {
             of("alias", &self.alias),
         ]
         .into_iter()
+        .chain(emitters)
         .flatten()
         .collect()
     }
@@ -224,12 +242,16 @@ impl SceneBuffers {
             lights: may(device, &data.lights)?,
             environment: Buffer::from_slice(device, &data.environment)?,
             alias: Buffer::from_slice(device, &data.alias)?,
+            emitters: (data.emitters.as_ref().map(|e| Buffer::from_slice(device, &e.list))).transpose()?,
+            light_nodes: (data.emitters.as_ref().map(|e| Buffer::from_slice(device, &e.nodes)))
+                .transpose()?,
             shading: data.shading,
+            cache: data.cache,
         })
     }
 
     /// How many arguments a scene is.
-    pub(super) const ARGUMENTS: usize = 15;
+    pub(super) const ARGUMENTS: usize = 17;
 
     /// The first arguments of a variant's kernels, in the order of `SCENE_PARAMETERS`.
     pub fn args(&self, walk: Walk) -> Vec<Arg<'_>> {
@@ -252,6 +274,8 @@ impl SceneBuffers {
             Arg::optional(&self.lights),
             Arg::buffer(&self.environment),
             Arg::buffer(&self.alias),
+            Arg::optional(&self.emitters),
+            Arg::optional(&self.light_nodes),
         ]
     }
 
@@ -371,7 +395,7 @@ fn pack_lights(scene: &Scene) -> Vec<layout::Light> {
             cos_outer,
         }
     };
-    scene.lights.iter().map(pack).collect()
+    lights_in_order(scene).into_iter().map(|index| pack(&scene.lights[index])).collect()
 }
 
 fn pack_environment(environment: &Environment, directions: &DirectionTable) -> Vec<layout::EnvironmentTexel> {
@@ -391,10 +415,42 @@ fn pack_alias(directions: &DirectionTable) -> Vec<layout::Alias> {
     directions.table.entries.iter().map(pack).collect()
 }
 
+/// The scale of the scene and of its light.
+fn cache_info(scene: &Scene, environment: &Environment) -> layout::CacheInfo {
+    let size = scene.mesh.bounds().map_or(1.0, |(low, high)| (high - low).length()).max(f32::MIN_POSITIVE);
+    let map = environment.texels.iter().fold(0.0f32, |most, texel| most.max(texel.max_element())).min(1e6);
+    let sun = environment.sun.map_or(0.0, |sun| sun.radiance.max_element() * (1.0 - sun.cos_radius) * 2.0);
+    let shown = scene
+        .materials
+        .iter()
+        .filter(|m| emitters::shines(m))
+        .map(|m| if m.unlit { m.base_color.truncate().max_element() } else { m.emissive.max_element() });
+    let lamps = scene.lights.iter().map(|light| match light.kind {
+        LightKind::Directional => light.intensity.max_element(),
+        _ => light.intensity.max_element() / (size * size) * 64.0,
+    });
+    let brightest = shown.chain(lamps).fold(map.max(sun), f32::max);
+    layout::CacheInfo {
+        least: size / 2048.0,
+        scale: if brightest.is_finite() && brightest > 0.0 { brightest } else { 1.0 },
+        ..Default::default()
+    }
+}
+
 /// What of the shading parameters depends on the scene. Techniques that can find no light get no rays.
-fn shading(scene: &Scene, environment: &Environment, directions: &DirectionTable) -> layout::Shading {
+fn shading(
+    scene: &Scene,
+    environment: &Environment,
+    directions: &DirectionTable,
+    packed: Option<&PackedEmitters>,
+) -> layout::Shading {
+    let lit = emitters::lit_bounds(scene).unwrap_or([Vec3::NEG_INFINITY, Vec3::INFINITY]);
     let mut shading = layout::Shading {
-        lights: scene.lights.len() as u32,
+        lights: lights_asked(scene) as u32,
+        emitters: packed.map_or(0, |packed| packed.triangles),
+        lit_lower: lit[0].to_array(),
+        lit_upper: lit[1].to_array(),
+        emitter_share: if packed.is_some() { EMITTER_SHARE } else { 0.0 },
         environment_width: environment.width,
         environment_height: environment.height,
         environment_share: if directions.table.is_empty() { 0.0 } else { ENVIRONMENT_SHARE },

@@ -39,7 +39,8 @@ pub fn run(device: &Device, programs: &Programs) -> Result<()> {
     let pattern = Pattern::new(&view, &Law::Full, DVec2::splat(0.5), usize::MAX);
     let uploaded = tracer.pattern(&pattern)?;
     for guided in [false, true] {
-        let settings = Settings { rays: 32, bounces: 0, edge_rays: 0, guided, seed: 1, jitter: false };
+        let settings =
+            Settings { rays: 32, bounces: 0, cached: false, edge_rays: 0, guided, seed: 1, jitter: false };
         let samples = Buffer::new(device, pattern.samples.len())?;
         let visibility = guided.then(|| Buffer::new(device, view.pixels())).transpose()?;
         let work = tracer.enqueue(&view, &settings, &uploaded, &samples, visibility.as_ref())?;

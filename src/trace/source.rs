@@ -6,7 +6,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 24] = [
+const FILES: [&str; 28] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -19,7 +19,10 @@ const FILES: [&str; 24] = [
     include_str!("../../kernels/shared/eight.h"),
     include_str!("../../kernels/shared/bsdf.h"),
     include_str!("../../kernels/shared/environment.h"),
+    include_str!("../../kernels/shared/punctual.h"),
+    include_str!("../../kernels/shared/emitters.h"),
     include_str!("../../kernels/shared/light.h"),
+    include_str!("../../kernels/shared/cache.h"),
     include_str!("../../kernels/shared/camera.h"),
     include_str!("../../kernels/shared/frustum.h"),
     include_str!("../../kernels/shared/tiles.h"),
@@ -29,12 +32,22 @@ const FILES: [&str; 24] = [
     include_str!("../../kernels/shared/sun.h"),
     include_str!("../../kernels/visibility.cl"),
     include_str!("../../kernels/edges.cl"),
+    include_str!("../../kernels/cache.cl"),
     include_str!("../../kernels/shade.cl"),
     include_str!("../../kernels/gather.cl"),
 ];
 
 /// The whole text.
 pub fn text() -> String {
+    if let Ok(dir) = std::env::var("FOVEATE_DEV_KERNELS") {
+        let names = std::fs::read_to_string(format!("{dir}/order.txt")).unwrap();
+        return lanes_of_bits()
+            + &names
+                .split_whitespace()
+                .map(|n| std::fs::read_to_string(format!("{dir}/{n}")).unwrap())
+                .collect::<Vec<_>>()
+                .join("\n");
+    }
     lanes_of_bits() + &FILES.join("\n")
 }
 

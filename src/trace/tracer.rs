@@ -9,6 +9,7 @@ use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
+use super::light_cache::LightCache;
 use super::source;
 use super::{SceneBuffers, SceneData, Walk, Walks};
 
@@ -34,6 +35,8 @@ pub struct Settings {
     pub bounces: u32,
     /// More camera rays in each pixel at an edge, 0 to 8; guided settings only.
     pub edge_rays: u32,
+    /// What surfaces send is looked up in the cache of light: see [`Tracer::update_light`]; without bounces only.
+    pub cached: bool,
     /// Dense visibility for guided reconstruction, and samples that it can interpolate.
     pub guided: bool,
     /// Seed of the random numbers.
@@ -70,6 +73,7 @@ pub struct Tracer {
     share_edges: Kernel,
     shade_samples: Kernel,
     pack_visibility: Kernel,
+    light: LightCache,
     counters: Buffer<u32>,
     /// Grown when a view needs more.
     hits: Buffer<HitRecord>,
@@ -78,7 +82,7 @@ pub struct Tracer {
 /// A view's samples and tiles in a device's memory.
 #[derive(Debug)]
 pub struct TracePattern {
-    samples: Buffer<u32>,
+    pub(super) samples: Buffer<u32>,
     tiles: Buffer<u32>,
     order: Vec<u32>,
     tiles_x: u32,
@@ -194,15 +198,18 @@ impl Tracer {
 
     pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
         let program = &programs.pixels;
+        let bundles = programs.bundles.as_ref().unwrap_or(program);
+        let scene = SceneBuffers::upload(device, data, programs.walks)?;
         Ok(Tracer {
-            scene: SceneBuffers::upload(device, data, programs.walks)?,
+            light: LightCache::new(bundles, programs.walks.bundles, &scene)?,
+            scene,
             walks: programs.walks,
             anchor: data.anchor,
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
             share_edges: program.kernel("share_edges")?,
-            shade_samples: programs.bundles.as_ref().unwrap_or(program).kernel("shade_samples")?,
+            shade_samples: bundles.kernel("shade_samples")?,
             pack_visibility: program.kernel("pack_visibility")?,
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
@@ -233,6 +240,43 @@ impl Tracer {
                 first_traced: 0,
             },
         })
+    }
+
+    /// Enqueues a step of the cache of light, counted from 1 on, which looks where the view does: what light does there is known
+    /// better with each. Nothing of it depends on what is traced meanwhile, so that devices that trace parts of a view,
+    /// and do the same steps, know the same. The events of its kernels.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device has no room for the cache, or is lost.
+    pub fn update_light(
+        &mut self,
+        view: &View,
+        settings: &Settings,
+        pattern: &TracePattern,
+        step: u64,
+    ) -> Result<[Event; 3]> {
+        let camera = camera(view, self.anchor, settings);
+        let shading = self.shading(&Settings { bounces: 0, ..*settings });
+        self.light.update(&self.device, &self.scene, &camera, &shading, pattern, step)
+    }
+
+    /// Rays of the last step of the cache of light, when the device has finished.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub fn light_rays(&self) -> Result<u64> {
+        self.light.rays()
+    }
+
+    fn shading(&self, settings: &Settings) -> layout::Shading {
+        layout::Shading {
+            rays: settings.rays,
+            bounces: settings.bounces,
+            cached: u32::from(settings.cached),
+            guided: u32::from(settings.guided),
+            hits_per_pixel: u32::from(settings.guided),
+            ..self.scene.shading
+        }
     }
 
     /// Enqueues the trace of all samples of a view; with guided settings also what every pixel sees.
@@ -272,13 +316,7 @@ impl Tracer {
         }
         self.counters.write(&[0, 0])?;
         let camera = camera(view, self.anchor, settings);
-        let shading = layout::Shading {
-            rays: settings.rays,
-            bounces: settings.bounces,
-            guided: u32::from(settings.guided),
-            hits_per_pixel: u32::from(settings.guided),
-            ..self.scene.shading
-        };
+        let shading = self.shading(settings);
         let (traces, camera_rays) = match visibility {
             Some(records) => {
                 let edges = settings.edge_rays;
@@ -483,8 +521,9 @@ impl Tracer {
             Arg::buffer(&self.hits),
             visibility.map_or(Arg::NONE, Arg::buffer),
             Arg::buffer(samples),
-            Arg::buffer(&self.counters),
         ]);
+        args.extend(self.light.args());
+        args.push(Arg::buffer(&self.counters));
         let walk = self.walks.bundles;
         let items = walk.items_of_streams(part.samples.len(), &self.device);
         self.shade_samples.launch(&args, items, walk.group_of_streams())

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::error::Result;
 use crate::gpu::opencl::{Arg, Buffer, Device, Kernel, Program};
-use crate::layout::{Camera, Shading};
+use crate::layout::{CacheInfo, Camera, Shading};
 use crate::measure::stats::median;
 use crate::scene::Features;
 
@@ -82,7 +82,7 @@ impl Idle {
 
     fn launch(&self) -> Result<()> {
         let camera = Camera { width: 8, height: 8, ..Camera::default() };
-        let shading = Shading::default();
+        let (shading, info) = (Shading::default(), CacheInfo::default());
         for (name, kernel) in &self.kernels {
             let mut args = vec![Arg::NONE; super::SceneBuffers::ARGUMENTS];
             args.push(Arg::value(&camera));
@@ -114,6 +114,9 @@ impl Idle {
                     none[0],
                     none[1],
                     Arg::NONE,
+                    Arg::NONE,
+                    Arg::NONE,
+                    Arg::value(&info),
                     Arg::NONE,
                     Arg::NONE,
                     Arg::buffer(&self.counters),

@@ -13,12 +13,18 @@ use foveate::trace::{Settings, Tracer, Walk, Walks};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
-pub const EVERYTHING: Features =
-    Features { textures: true, normal_maps: true, alpha: true, vertex_colors: true, sun: true };
+pub const EVERYTHING: Features = Features {
+    textures: true,
+    normal_maps: true,
+    alpha: true,
+    vertex_colors: true,
+    sun: true,
+    emitters: true,
+};
 
 /// 32 rays, no bounces, records of radiance.
 pub const PLAIN: Settings =
-    Settings { rays: 32, bounces: 0, edge_rays: 0, guided: false, seed: 1, jitter: false };
+    Settings { rays: 32, bounces: 0, cached: false, edge_rays: 0, guided: false, seed: 1, jitter: false };
 
 /// Runs a test on every OpenCL device, one test at a time. On machines that promise a device (CI=true) it
 /// is a failure that there is none.
@@ -85,6 +91,20 @@ impl Bench {
     ) -> Self {
         let tracer = Tracer::with_features(device, scene, &bvh, environment, features, walk).unwrap();
         Bench { bvh, tracer, device: device.clone() }
+    }
+
+    /// Makes steps of the cache of light, where a pattern's samples look.
+    pub fn light(
+        &mut self,
+        view: &View,
+        settings: &Settings,
+        pattern: &Pattern,
+        steps: std::ops::Range<u64>,
+    ) {
+        let uploaded = self.tracer.pattern(pattern).unwrap();
+        for step in steps {
+            self.tracer.update_light(view, settings, &uploaded, step + 1).unwrap();
+        }
     }
 
     /// Traces the samples of a pattern.

@@ -284,6 +284,78 @@ fn bounces() {
     });
 }
 
+/// The room with a lamp that is drawn from a texture, on both sides, beside a blended one.
+fn textured_lamps() -> Scene {
+    let mut scene = room(matt(0.7), matt(0.4));
+    let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    scene.textures = vec![texture(true, |i| [(i * 67 % 256) as u8, 200, (i * 29 % 256) as u8, 255])];
+    let drawn = Material {
+        emissive: Vec3::splat(6.0),
+        emissive_texture: mapped(0, 1.0),
+        double_sided: true,
+        ..matt(0.3)
+    };
+    let blended = Material {
+        emissive: Vec3::new(2.0, 5.0, 9.0),
+        alpha: AlphaMode::Blend,
+        base_color: Vec4::new(0.2, 0.2, 0.2, 0.4),
+        ..matt(0.2)
+    };
+    scene.materials[2] = drawn;
+    scene.materials.push(blended);
+    // Beside what is seen: seen itself, it would be a coin toss in each picture.
+    quad(&mut scene, [at(-1.9, 0.5, 1.95), at(-1.9, 0.5, 1.2), at(-1.9, 1.7, 1.2), at(-1.9, 1.7, 1.95)], 4);
+    scene
+}
+
+/// A room with more lamps than there are rays.
+fn many_lamps() -> Scene {
+    let mut scene = room(matt(0.7), Material { roughness: 0.2, ..matt(0.4) });
+    for i in 0..120 {
+        let (x, z) = ((i % 12) as f32 * 0.3 - 1.7, (i / 12) as f32 * 0.35 - 1.8);
+        let (low, high) = (Vec3::new(x, 2.4, z), Vec3::new(x + 0.1, 2.5, z + 0.1));
+        cuboid(&mut scene, low, high, 2);
+    }
+    scene
+}
+
+#[test]
+fn emitters() {
+    assert_all_agree(|| {
+        let glossy = Material { roughness: 0.2, metallic: 0.6, ..matt(0.7) };
+        let case = |name, scene, light| Case { paths: 60_000, ..Case::new(name, scene, light) };
+        let shell = Material {
+            unlit: true,
+            double_sided: true,
+            base_color: Vec4::new(0.5, 0.8, 1.0, 1.0),
+            ..matt(0.0)
+        };
+        let mut dome = stage(matt(0.6), glossy.clone());
+        dome.materials.push(shell);
+        cuboid(&mut dome, Vec3::splat(-9.0), Vec3::splat(9.0), 2);
+        dome.lights = self::lights();
+        let mut lights = stage(matt(0.6), glossy.clone());
+        let ring = |i: i32| Light {
+            kind: LightKind::Point,
+            intensity: Vec3::new(1.0, 0.5 + 0.1 * (i % 4) as f32, 0.3),
+            position: Vec3::new((i as f32).cos() * 2.0, 0.6 + 0.1 * i as f32, (i as f32).sin() * 2.0),
+            direction: Vec3::NEG_Y,
+            range: f32::INFINITY,
+        };
+        lights.lights = (0..14).map(ring).chain(self::lights()).collect();
+        let exact = Case { paths: 100, ..Case::new("more lights than are all asked", lights, dark()) };
+        let grid = Case { grid: Some(24), ..case("one lamp, on a grid", room(matt(0.7), matt(0.4)), dark()) };
+        vec![
+            case("one lamp", room(matt(0.7), glossy), dark()),
+            grid,
+            case("textured and blended lamps, and a sky", textured_lamps(), colourful()),
+            case("many lamps", many_lamps(), dark()),
+            case("an unlit dome around lights", dome, colourful()),
+            exact,
+        ]
+    });
+}
+
 #[test]
 fn emission_and_unlit() {
     assert_all_agree(|| {

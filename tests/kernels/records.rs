@@ -367,10 +367,17 @@ fn specialised_kernels_are_the_general_ones() {
     });
 }
 
-/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun.
+/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun, emitters.
 fn combination(bits: u32) -> Features {
     let on = |bit: u32| bits >> bit & 1 != 0;
-    Features { textures: on(0), normal_maps: on(1), alpha: on(2), vertex_colors: on(3), sun: on(4) }
+    Features {
+        textures: on(0),
+        normal_maps: on(1),
+        alpha: on(2),
+        vertex_colors: on(3),
+        sun: on(4),
+        emitters: on(5),
+    }
 }
 
 /// Builds kernels for combinations of features, in both variants, and makes all kernels of a frame from them.
@@ -388,13 +395,13 @@ fn build(device: &Device, combinations: impl Iterator<Item = u32>) {
 
 #[test]
 fn each_feature_builds_alone_and_beside_all_others() {
-    on_every_device(|device| build(device, (0..5).map(|bit| 1 << bit).chain([0, 0b1_1111])));
+    on_every_device(|device| build(device, (0..6).map(|bit| 1 << bit).chain([0, 0b11_1111])));
 }
 
 #[test]
-#[ignore = "64 builds: make test-long"]
+#[ignore = "128 builds: make test-long"]
 fn long_every_combination_of_features_builds() {
-    on_every_device(|device| build(device, 0..32));
+    on_every_device(|device| build(device, 0..64));
 }
 
 fn trace_with(

@@ -82,6 +82,7 @@ impl Stats {
         StageMs {
             trace: median(&|s| s.trace),
             shade: median(&|s| s.shade),
+            light: median(&|s| s.light),
             share: median(&|s| s.share),
             reconstruct: median(&|s| s.reconstruct),
         }

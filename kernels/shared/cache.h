@@ -1,0 +1,134 @@
+// A cache of the light that surfaces send, over frames: cells of a grid in the world, found by a hash of place, size and
+// the side that surfaces face (as in SHaRC, and in kajiya's irradiance cache). Cells grow with the distance from the eye.
+//
+// What is added in a frame is summed in integers, so that the order does not matter, and looked up from the next settling
+// on: pictures do not depend on who computes what, or when.
+
+#define CACHE_BUCKETS (CACHE_CELLS / 16u)
+// Sums count in units of 2^-30 of the parameters' `scale`, and no more than 2^18 of it at once.
+#define CACHE_UNIT 0x1p-30f
+#define CACHE_MOST 0x1p+18f
+// A cell is smaller than the distance from the eye divided by this, and at least half as large.
+#define CACHE_FINENESS 16.0f
+// Of cells that are as near as this part of their size only the surface itself is looked at.
+#define CACHE_NEAR 0.25f
+// What is farther away than this many of the coarser cells are large is blurred.
+#define CACHE_BLURRED 4.0f
+// Cells that are shared across a wall are halved up to so many times; cells four times as large stand in for young ones.
+#define CACHE_HALVINGS 3
+#define CACHE_COARSER 2
+// Planes are moved off the cells' own lattice by this part of their size, so that rounding does not part a wall.
+#define CACHE_SHIFT 0.2371f
+// Young cells have fewer samples than this.
+#define CACHE_GROWN 12.0f
+
+typedef struct {
+    __global uint *keys;
+    __global CacheCell *cells;
+    __global CacheSum *sums;
+    float3 eye;
+    float least;
+} Cache;
+
+// log2 of the size of a cell at p.
+static int cell_level(const Cache *cache, float3 p)
+{
+    float3 to = p - cache->eye;
+    return ilogb(max(sqrt(dot3(to, to)) / CACHE_FINENESS, cache->least));
+}
+
+// The cell's number along each axis.
+static int3 cell_place(float3 p, float3 n, int level)
+{
+    float size = ldexp(1.0f, level);
+    return convert_int3_rtn((p + n * (CACHE_SHIFT * size)) / size);
+}
+
+// The key's hash, which chooses a bucket, and a second one which tells keys in it apart; never 0.
+static uint2 cell_key(int3 at, float3 n, int level)
+{
+    float3 size = fabs(n);
+    uint axis = size.x >= size.y && size.x >= size.z ? 0u : size.y >= size.z ? 1u : 2u;
+    float along = axis == 0u ? n.x : axis == 1u ? n.y : n.z;
+    uint side = axis * 2u + (along < 0.0f ? 1u : 0u) + 8u * (uint)(level + 256);
+    uint first = hash((uint)at.x + hash((uint)at.y + hash((uint)at.z + hash(side))));
+    uint second = hash((uint)at.z ^ hash((uint)at.x * 0x9e3779b9u ^ hash((uint)at.y ^ side * 0x85ebca6bu)));
+    return (uint2)(first, max(second, 1u));
+}
+
+// The cell with a key, or NONE.
+static uint find_cell(const Cache *cache, uint2 key)
+{
+    uint first = key.x % CACHE_BUCKETS * 16u;
+    for (uint i = 0; i < 16u; ++i)
+        if (cache->keys[first + i] == key.y)
+            return first + i;
+    return NONE;
+}
+
+// The same, which takes a free place where there is none; NONE where its bucket is full.
+static uint claim_cell(const Cache *cache, uint2 key)
+{
+    uint found = find_cell(cache, key), first = key.x % CACHE_BUCKETS * 16u;
+    for (uint i = 0; found == NONE && i < 16u; ++i) {
+        uint old = atomic_cmpxchg(cache->keys + first + i, 0u, key.y);
+        found = old == 0u || old == key.y ? first + i : NONE;
+    }
+    return found;
+}
+
+static bool is_split(__global const CacheCell *cell) { return cell->samples < 0.0f; }
+
+// Radiance that leaves a surface at p on the side of unit n towards something at a distance of t. Surroundings stand in for
+// young cells, and for all that is so far away that it is blurred: a bright spot is then found more often, and is as much
+// dimmer. Tells how far what is used has grown, 0 to 1; negative where walls part even the smallest cell.
+static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, float3 *radiance)
+{
+    int level = cell_level(cache, p), wide = level + CACHE_COARSER;
+    uint coarse = find_cell(cache, cell_key(cell_place(p, n, wide), n, wide));
+    float around = coarse == NONE ? 0.0f : min(cache->cells[coarse].samples / CACHE_GROWN, 1.0f);
+    *radiance = around > 0.0f ? gload3(cache->cells[coarse].radiance) : 0.0f;
+    if (around >= 1.0f && t > CACHE_BLURRED * ldexp(1.0f, wide))
+        return 1.0f;
+    uint cell;
+    for (int halving = 0;; ++halving) {
+        cell = find_cell(cache, cell_key(cell_place(p, n, level - halving), n, level - halving));
+        if (cell == NONE || !is_split(cache->cells + cell))
+            break;
+        if (halving == CACHE_HALVINGS)
+            return -1.0f;
+    }
+    float grown = cell == NONE ? 0.0f : min(cache->cells[cell].samples / CACHE_GROWN, 1.0f);
+    if (grown > 0.0f)
+        *radiance = mix(*radiance, gload3(cache->cells[cell].radiance), around > 0.0f ? grown : 1.0f);
+    return grown;
+}
+
+// A place of the scene as cells know it: the hit at t of a ray on a triangle, and its normal on the ray's side.
+static float3 side_of(const Scene *scene, uint place, float3 d)
+{
+    float3 v[3];
+    triangle_corners(scene, place, scene->triangles[place].packed, v);
+    float3 n = unit_or(careful_cross(v[1] - v[0], v[2] - v[0]), -d);
+    return dot3(n, d) > 0.0f ? -n : n;
+}
+
+// Light that a ray from `origin` finds at its hit: the cache's. Where the hit is nearer than a quarter of a cell, which would
+// take a corner's light from its surroundings, where walls part cells, and where the ray is a smooth surface's, which shows
+// what it meets, the surface there is looked at, and the cache a step later.
+static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
+                           float t, bool is_smooth, uint seed, uint *rays)
+{
+    float3 p = origin + d * t, radiance;
+    if (!is_smooth && t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) && cached_radiance(cache, p, side_of(scene, place, d), t, &radiance) >= 0.0f)
+        return radiance;
+    Surface s = surface_at(scene, place, origin, 0.0f, d, is_smooth ? 0.0f : 0.05f * t);
+    if (s.unlit)
+        return 0.0f;
+    Step step;
+    take_step(scene, shading, &s, -d, seed, &step, rays);
+    if (!step.goes_on)
+        return step.direct;
+    cached_radiance(cache, step.origin + step.direction * step.t, side_of(scene, step.place, step.direction), step.t, &radiance);
+    return step.direct + step.weight * radiance;
+}

@@ -1,0 +1,150 @@
+// Light that is aimed at: triangles that emit, and punctual lights where there are many, chosen from a tree by power,
+// distance and direction (src/scene/light_tree.rs).
+#if HAS_EMITTERS
+
+#define EMITTER_PUNCTUAL 1u
+#define EMITTER_DOUBLE_SIDED 2u
+
+// cos(max(a - b, 0)) and its sine, for angles between 0 and pi.
+static float cos_of_rest(float2 a, float2 b) { return a.x > b.x ? 1.0f : a.x * b.x + a.y * b.y; }
+static float sin_of_rest(float2 a, float2 b) { return a.x > b.x ? 0.0f : a.y * b.x - a.x * b.y; }
+
+static float2 with_sine(float cosine) { return (float2)(cosine, sqrt(max(1.0f - cosine * cosine, 0.0f))); }
+
+// How much light a node may send to a surface at p with unit normal n, up to a common factor (pbrt-v4, 12.6.3).
+static float node_importance(__global const LightNode *node, float3 p, float3 n)
+{
+    float3 lower = gload3(node->lower), upper = gload3(node->upper);
+    float3 half_size = (upper - lower) * 0.5f, to = lower + half_size - p;
+    float radius2 = dot3(half_size, half_size), distance2 = dot3(to, to);
+    float3 direction = unit_or(to, n);
+    // The cone in which the box is seen; all directions from inside of its sphere.
+    float2 seen = distance2 <= radius2 ? (float2)(-1.0f, 0.0f) : with_sine(sqrt(1.0f - radius2 / distance2));
+    float2 off_axis = with_sine(clamp(-dot3(gload3(node->axis), direction), -1.0f, 1.0f)), spread = with_sine(node->cos_spread);
+    float2 beyond = (float2)(cos_of_rest(off_axis, spread), sin_of_rest(off_axis, spread));
+    float leaves = cos_of_rest(beyond, seen);
+    float arrives = cos_of_rest(with_sine(clamp(dot3(n, direction), -1.0f, 1.0f)), seen);
+    if (!(leaves > 0.0f && arrives > 0.0f))
+        return 0.0f;
+    return node->power * leaves * arrives / max(distance2, max(radius2, 1.0e-12f));
+}
+
+// The chance that the first of a node's children is taken; negative where neither sends anything.
+static float first_chance(const Scene *scene, uint node, uint second, float3 p, float3 n)
+{
+    float a = node_importance(scene->light_nodes + node + 1u, p, n), b = node_importance(scene->light_nodes + second, p, n);
+    return a + b > 0.0f ? a / (a + b) : -1.0f;
+}
+
+// Chooses an emitter for a surface with one number in [0, 1), and tells the chance of that; NONE where none is in sight.
+static uint choose_emitter(const Scene *scene, float3 p, float3 n, float u, float *chance)
+{
+    uint node = 0;
+    *chance = 1.0f;
+    for (;;) {
+        uint link = scene->light_nodes[node].link;
+        if (link & LEAF)
+            return link & ~LEAF;
+        float first = first_chance(scene, node, link, p, n);
+        if (first < 0.0f)
+            return NONE;
+        bool takes_first = u < first;
+        node = takes_first ? node + 1u : link;
+        *chance *= takes_first ? first : 1.0f - first;
+        u = min(takes_first ? u / first : (u - first) / (1.0f - first), 0.9999999f);
+    }
+}
+
+// The chance that choose_emitter takes an emitter: along its trail.
+static float chance_of_emitter(const Scene *scene, uint emitter, float3 p, float3 n)
+{
+    float chance = 1.0f;
+    uint node = 0, trail = scene->emitters[emitter].trail;
+    for (;;) {
+        uint link = scene->light_nodes[node].link;
+        if (link & LEAF || !(chance > 0.0f))
+            return chance;
+        float first = max(first_chance(scene, node, link, p, n), 0.0f);
+        chance *= trail & 1u ? 1.0f - first : first;
+        node = trail & 1u ? link : node + 1u;
+        trail >>= 1;
+    }
+}
+
+// The emitter that a triangle is, by its place in leaf order, which emitters are sorted by; NONE where it is none.
+static uint emitter_of(const Scene *scene, const Shading *shading, uint place)
+{
+    uint low = 0, high = shading->emitters;
+    while (low < high) {
+        uint middle = (low + high) / 2u, at = scene->emitters[middle].place;
+        if (at == place)
+            return middle;
+        low = at < place ? middle + 1u : low;
+        high = at < place ? high : middle;
+    }
+    return NONE;
+}
+
+// Density per steradian of a direction towards a point of a triangle, uniform over its area, at distance t.
+static float density_on(__global const Emitter *e, float3 d, float t)
+{
+    float3 across = cross(gload3(e->edges[0]), gload3(e->edges[1]));
+    return 2.0f * t * t / max(fabs(dot3(d, across)), 1.0e-30f);
+}
+
+// Density with which rays are aimed from s in direction d at the emitter that is met there.
+static float aimed_density(const Scene *scene, uint emitter, const Surface *s, float3 d, float t)
+{
+    return chance_of_emitter(scene, emitter, s->position, s->normal) * density_on(scene->emitters + emitter, d, t);
+}
+
+// Radiance of a triangle towards the origin of a ray; nothing where alpha lets the ray pass.
+static float3 emitted_by(const Scene *scene, uint place, float3 origin, float3 d, float t, uint seed)
+{
+    Facet f = facet_of(scene, place, origin, 0.0f);
+    Spot spot = spot_on(scene, &f, d, 0.05f * t);
+#if HAS_ALPHA
+    uint packed = scene->triangles[place].packed;
+    if (packed & TRIANGLE_ALPHA && alpha_passes(scene, place, packed, spot.weights, d, seed))
+        return 0.0f;
+#endif
+    return f.material->unlit ? base_at(scene, &spot) : emission_at(scene, &spot);
+}
+
+// A ray aimed at an emitter: where it ends, the chance per steradian of its direction (per light for a punctual one),
+// and what it brings when nothing is in its way, where that is known before.
+typedef struct {
+    float3 direction;
+    float distance;
+    float density;
+    uint emitter;
+    bool is_punctual;
+    float3 light;
+} Aim;
+
+// Aims from a surface, with rays that start at `origin`; false where no light would come.
+static bool aim_at_emitter(const Scene *scene, const Shading *shading, const Surface *s, float3 origin, float choice, float2 u, Aim *aim)
+{
+    aim->emitter = choose_emitter(scene, s->position, s->normal, choice, &aim->density);
+    if (aim->emitter == NONE)
+        return false;
+    __global const Emitter *e = scene->emitters + aim->emitter;
+    aim->is_punctual = (e->kind & EMITTER_PUNCTUAL) != 0u;
+    if (aim->is_punctual) {
+        aim->light = punctual(shading, scene->lights + e->place, s->position, &aim->direction, &aim->distance);
+        return max3(aim->light) > 0.0f;
+    }
+    float3 first = gload3(e->edges[0]), second = gload3(e->edges[1]);
+    float root = sqrt(u.x);
+    float3 to = gload3(e->corner) + first * (root * (1.0f - u.y)) + second * (root * u.y) - origin;
+    aim->direction = unit_or(to, s->normal);
+    float facing = dot3(aim->direction, cross(first, second));
+    if (facing == 0.0f || (facing > 0.0f && !(e->kind & EMITTER_DOUBLE_SIDED)))
+        return false;
+    float distance = sqrt(dot3(to, to));
+    aim->density *= density_on(e, aim->direction, distance);
+    // The emitter itself is not in the way.
+    aim->distance = distance * 0.9999f;
+    return true;
+}
+#endif

@@ -1,0 +1,129 @@
+//! The cache of light that surfaces send, in a device's memory: see `kernels/shared/cache.h`.
+
+use crate::error::Result;
+use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
+use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
+
+use super::{SceneBuffers, TracePattern, Walk};
+
+/// Paths that bring light to the cache in each frame of a view: fewer learn a new view too slowly, however small it is.
+const PATHS: u32 = 3072;
+/// After so many frames what a path has brought counts half as much.
+const HALF_LIFE: f32 = 64.0;
+/// A cell that no path has passed for so many frames is given up.
+const LIFETIME: u32 = 512;
+/// Work-items that forget and settle cells.
+const SETTLERS: usize = 64;
+
+/// A device's cache and its kernels.
+#[derive(Debug)]
+pub(super) struct LightCache {
+    light_cells: Kernel,
+    settle_cells: Kernel,
+    forget_cells: Kernel,
+    walk: Walk,
+    /// Made when it is first used.
+    memory: Option<Memory>,
+    info: CacheInfo,
+}
+
+#[derive(Debug)]
+struct Memory {
+    keys: Buffer<u32>,
+    cells: Buffer<CacheCell>,
+    sums: Buffer<CacheSum>,
+    touched: Buffer<u32>,
+    /// Rays, and cells in `touched`.
+    counters: Buffer<u32>,
+}
+
+impl LightCache {
+    /// An empty cache for the kernels of a program, whose variant is `walk`.
+    pub fn new(program: &Program, walk: Walk, scene: &SceneBuffers) -> Result<Self> {
+        Ok(LightCache {
+            light_cells: program.kernel("light_cells")?,
+            settle_cells: program.kernel("settle_cells")?,
+            forget_cells: program.kernel("forget_cells")?,
+            walk,
+            memory: None,
+            info: CacheInfo { frame: 0, half_life: HALF_LIFE, lifetime: LIFETIME, ..scene.cache },
+        })
+    }
+
+    /// What a kernel is given that looks the cache up: it as a whole, keys and cells.
+    pub fn args(&self) -> [Arg<'_>; 3] {
+        let memory = self.memory.as_ref();
+        [
+            Arg::value(&self.info),
+            memory.map_or(Arg::NONE, |m| Arg::buffer(&m.keys)),
+            memory.map_or(Arg::NONE, |m| Arg::buffer(&m.cells)),
+        ]
+    }
+
+    /// Brings light for one more frame, the `step`-th of all; camera and samples say where it is wanted. The events of
+    /// its kernels.
+    pub fn update(
+        &mut self,
+        device: &Device,
+        scene: &SceneBuffers,
+        camera: &Camera,
+        shading: &Shading,
+        pattern: &TracePattern,
+        step: u64,
+    ) -> Result<[Event; 3]> {
+        let memory = match self.memory.take() {
+            Some(memory) => memory,
+            None => Memory::new(device)?,
+        };
+        let memory = self.memory.insert(memory);
+        self.info.frame = step as u32;
+        memory.counters.write(&[0, 0])?;
+        let (info, group) = (Arg::value(&self.info), self.walk.group());
+        let args = [info, Arg::buffer(&memory.keys), Arg::buffer(&memory.cells)];
+        let forget = self.forget_cells.launch(&args, SETTLERS, group)?;
+        let mut args = scene.args(self.walk);
+        args.extend([
+            Arg::value(camera),
+            Arg::value(shading),
+            info,
+            Arg::buffer(&pattern.samples),
+            Arg::U32(pattern.samples.len() as u32),
+            Arg::buffer(&memory.keys),
+            Arg::buffer(&memory.cells),
+            Arg::buffer(&memory.sums),
+            Arg::buffer(&memory.touched),
+            Arg::buffer(&memory.counters),
+        ]);
+        let light = self.light_cells.launch(&args, PATHS as usize, group)?;
+        let (sums, touched) = (Arg::buffer(&memory.sums), Arg::buffer(&memory.touched));
+        let args = [info, Arg::buffer(&memory.cells), sums, touched, Arg::buffer(&memory.counters)];
+        let settle = self.settle_cells.launch(&args, SETTLERS, group)?;
+        Ok([forget, light, settle])
+    }
+
+    /// Rays of the last update; call it when the device has finished.
+    pub fn rays(&self) -> Result<u64> {
+        let mut counters = [0; 2];
+        self.memory.as_ref().map_or(Ok(()), |memory| memory.counters.read(&mut counters))?;
+        Ok(u64::from(counters[0]))
+    }
+}
+
+impl Memory {
+    fn new(device: &Device) -> Result<Self> {
+        let cells = CACHE_CELLS as usize;
+        Ok(Memory {
+            keys: zeroed(device, cells)?,
+            cells: zeroed(device, cells)?,
+            sums: zeroed(device, cells)?,
+            touched: Buffer::new(device, cells)?,
+            counters: Buffer::new(device, 2)?,
+        })
+    }
+}
+
+fn zeroed<T: bytemuck::Pod>(device: &Device, count: usize) -> Result<Buffer<T>> {
+    let buffer = Buffer::new(device, count)?;
+    buffer.write(&vec![T::zeroed(); count])?;
+    Ok(buffer)
+}

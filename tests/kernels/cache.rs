@@ -1,0 +1,117 @@
+//! The cache of light: as much light as paths find, none through walls, and the same whoever fills it.
+
+use foveate::foveation::Pattern;
+use foveate::math::view::View;
+use foveate::scene::{AlphaMode, Environment, Light, LightKind, Material, Scene};
+use foveate::trace::{Settings, Walk};
+use glam::{DVec3, Vec3};
+
+use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device, view};
+use crate::scenes::{cuboid, matt, quad, scene_of};
+
+const GUIDED: Settings = Settings { guided: true, rays: 64, ..PLAIN };
+const CACHED: Settings = Settings { cached: true, ..GUIDED };
+const SIZE: (u32, u32) = (48, 32);
+
+fn dark() -> Environment {
+    Environment::constant(Vec3::ZERO)
+}
+
+fn lamp(position: Vec3) -> Light {
+    Light {
+        kind: LightKind::Point,
+        intensity: Vec3::new(4.0, 3.0, 2.0),
+        position,
+        direction: Vec3::NEG_Y,
+        range: f32::INFINITY,
+    }
+}
+
+/// Two rooms of 4x3x4 m with one floor and one ceiling, a wall without thickness between them, a lamp in the first.
+fn rooms() -> Scene {
+    let both = |albedo| Material { double_sided: true, alpha: AlphaMode::Opaque, ..matt(albedo) };
+    let mut scene = scene_of(vec![both(0.4), both(0.4)]);
+    cuboid(&mut scene, Vec3::new(-4.0, 0.0, -2.0), Vec3::new(4.0, 3.0, 2.0), 0);
+    let at = |y: f32, z: f32| Vec3::new(0.037, y, z);
+    quad(&mut scene, [at(0.0, -2.0), at(3.0, -2.0), at(3.0, 2.0), at(0.0, 2.0)], 1);
+    scene.lights = vec![lamp(Vec3::new(-1.2, 2.3, 0.4))];
+    scene
+}
+
+fn inside(x: f64) -> View {
+    view(DVec3::new(x + 1.6, 1.4, 1.6), DVec3::new(x - 1.0, 0.8, -1.2), 80.0, SIZE)
+}
+
+/// Mean of the samples' diffuse light.
+fn mean(bench: &mut Bench, view: &View, settings: &Settings, seeds: u32) -> f64 {
+    let pattern = all_pixels(view);
+    let sums = (0..seeds).map(|seed| {
+        let picture = bench.trace(view, &Settings { seed, ..*settings }, &pattern);
+        assert_eq!(picture.dropped, 0);
+        let all: f64 = picture.samples.iter().flat_map(|s| s.first).map(f64::from).sum();
+        all / (3 * picture.samples.len()) as f64
+    });
+    sums.sum::<f64>() / f64::from(seeds)
+}
+
+fn lit(bench: &mut Bench, view: &View, steps: std::ops::Range<u64>) -> Pattern {
+    let pattern = all_pixels(view);
+    bench.light(view, &CACHED, &pattern, steps);
+    pattern
+}
+
+#[test]
+fn it_is_as_bright_as_paths_are() {
+    on_every_device(|device| {
+        for walk in Walk::ALL {
+            let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, walk);
+            let view = inside(-2.0);
+            lit(&mut bench, &view, 0..60);
+            let direct = mean(&mut bench, &view, &GUIDED, 2);
+            let paths = mean(&mut bench, &view, &Settings { bounces: 4, ..GUIDED }, 8);
+            let cached = mean(&mut bench, &view, &CACHED, 4);
+            println!("{}: direct {direct:.4}, four bounces {paths:.4}, cached {cached:.4}", walk.name());
+            assert!(paths > 1.2 * direct);
+            assert!((cached / paths - 1.0).abs() < 0.03, "{cached} for {paths}");
+        }
+    });
+}
+
+/// The cells of the floor reach into both rooms. The first room is seen first.
+#[test]
+fn no_light_leaks_through_a_wall() {
+    on_every_device(|device| {
+        let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, Walk::for_device(device));
+        let (first, second) = (inside(-2.0), inside(2.0));
+        lit(&mut bench, &first, 0..40);
+        let bright = mean(&mut bench, &first, &CACHED, 1);
+        lit(&mut bench, &second, 40..41);
+        let at_once = mean(&mut bench, &second, &CACHED, 4);
+        lit(&mut bench, &second, 41..70);
+        let later = mean(&mut bench, &second, &CACHED, 4);
+        println!("lit room {bright:.4}, dark room at once {at_once:.2e}, later {later:.2e}");
+        assert!(bright > 0.1);
+        assert!(at_once < 1e-3 * bright && later < 1e-3 * bright);
+        // A gap in the wall is noticed.
+        let mut open = rooms();
+        open.mesh.triangles.pop();
+        open.mesh.materials.pop();
+        let mut bench = Bench::walking(device, &open, &dark(), &EVERYTHING, Walk::for_device(device));
+        lit(&mut bench, &second, 0..30);
+        assert!(mean(&mut bench, &second, &CACHED, 1) > 0.02 * bright);
+    });
+}
+
+#[test]
+fn the_same_steps_make_the_same_cache() {
+    on_every_device(|device| {
+        let view = inside(-2.0);
+        let filled = |walk: Walk| {
+            let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, walk);
+            let pattern = lit(&mut bench, &view, 0..12);
+            bench.trace(&view, &CACHED, &pattern).samples
+        };
+        let walk = Walk::for_device(device);
+        assert_eq!(filled(walk), filled(walk));
+    });
+}
