@@ -19,8 +19,12 @@ cleanup() { for pid in "${servers[@]}"; do kill -9 "$pid" 2>/dev/null || true; d
 trap cleanup EXIT
 fail() { echo "test-remote: $*" >&2; cat "$work"/*.log >&2; exit 1; }
 
+# Platforms without devices, as Mesa's often is, confuse the server: it is shown PoCL alone.
+mkdir "$work/vendors"
+cp "${OCL_ICD_VENDORS:-/etc/OpenCL/vendors}"/pocl*.icd "$work/vendors/" \
+  || fail "PoCL is not among the OpenCL drivers here (pocl-opencl-icd)"
 serve() {
-  POCLD_LOGLEVEL=err "$remote/pocld" -a 127.0.0.1 -p "$1" >"$work/server-$1.log" 2>&1 &
+  OCL_ICD_VENDORS=$work/vendors POCLD_LOGLEVEL=err "$remote/pocld" -a 127.0.0.1 -p "$1" >"$work/server-$1.log" 2>&1 &
   servers+=($!)
   disown
 }

@@ -6,8 +6,10 @@
 
 pub mod config;
 pub mod error;
+pub mod isolated;
 pub mod layout;
 pub mod math;
+pub mod private_file;
 pub mod whole_file;
 
 pub mod bvh;

@@ -11,6 +11,10 @@ fn main() -> ExitCode {
         // SAFETY: no other thread runs yet that could read the environment meanwhile.
         unsafe { std::env::set_var("XR_LOADER_DEBUG", "none") };
     }
+    // What drivers may spoil is tried in processes of their own, which run this program.
+    if let Ok(program) = std::env::current_exe() {
+        foveate::isolated::use_program(program);
+    }
     match foveate::cli::Cli::parse().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -1,10 +1,17 @@
 //! Files that appear under their name only when they are whole: written under another name in the same
 //! folder, then renamed. What was there before stays until then, whatever goes wrong.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, ErrorKind, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use nix::fcntl::{Flock, FlockArg};
+use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
 
 use crate::error::{Error, Result};
 
@@ -54,10 +61,48 @@ pub fn check_folder(folder: &Path) -> Result<()> {
 /// What `fill` says, or [`Error::File`] where the file cannot be made.
 pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
     check(path)?;
-    let path = &resolved(path);
+    replace(&resolved(path), fill)
+}
+
+/// Writes a file with `fill` in the place of whatever has its name, be it a link, which is not followed.
+///
+/// # Errors
+/// As [`write`].
+pub fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
     let mut draft = Draft::create(path)?;
     fill(&mut draft.file)?;
     draft.file.flush().and_then(|()| fs::rename(&draft.temporary, path)).map_err(|e| Error::writing(path, &e))
+}
+
+/// Removes what processes have left in a folder that were killed while they wrote. Each holds a lock on what it
+/// writes; one that has just begun may not have it yet.
+pub fn sweep(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        let number = name.strip_prefix(".foveate-").and_then(|rest| rest.strip_suffix(".part"));
+        let Some(process) = number.and_then(|rest| rest.split_once('-')).map(|(process, _)| process) else {
+            continue;
+        };
+        if is_abandoned(&path, process) {
+            let _ = fs::remove_file(&path);
+        }
+    }
+}
+
+fn is_abandoned(path: &Path, process: &str) -> bool {
+    /// A process is given so long from making a file to locking it.
+    const JUST_BEGUN: Duration = Duration::from_secs(10);
+    let about = fs::symlink_metadata(path);
+    let Some(about) = about.ok().filter(fs::Metadata::is_file) else { return false };
+    let age = about.modified().ok().and_then(|at| at.elapsed().ok()).unwrap_or_default();
+    if process.parse() == Ok(std::process::id())
+        || age < JUST_BEGUN && Path::new("/proc").join(process).exists()
+    {
+        return false;
+    }
+    let file = OpenOptions::new().write(true).custom_flags(O_NOFOLLOW | O_NONBLOCK).open(path);
+    file.is_ok_and(|file| Flock::lock(file, FlockArg::LockExclusiveNonblock).is_ok())
 }
 
 /// The file that a link points at, and any other path as it is.
@@ -69,6 +114,8 @@ fn resolved(path: &Path) -> PathBuf {
 struct Draft {
     temporary: PathBuf,
     file: BufWriter<File>,
+    /// Tells others that it is being written; some file systems have no locks.
+    _lock: Option<Flock<File>>,
 }
 
 impl Draft {
@@ -80,12 +127,21 @@ impl Draft {
 
     fn within(folder: &Path) -> io::Result<Draft> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
+        static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+        if SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.to_path_buf()) {
+            sweep(folder);
+        }
         loop {
             let number = NEXT.fetch_add(1, Ordering::Relaxed);
             let temporary = folder.join(format!(".foveate-{}-{number}.part", std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&temporary) {
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-                result => return result.map(|file| Draft { temporary, file: BufWriter::new(file) }),
+                Err(error) => return Err(error),
+                Ok(file) => {
+                    let lock = file.try_clone().ok();
+                    let lock = lock.and_then(|file| Flock::lock(file, FlockArg::LockExclusiveNonblock).ok());
+                    return Ok(Draft { temporary, file: BufWriter::new(file), _lock: lock });
+                }
             }
         }
     }
@@ -152,6 +208,36 @@ mod tests {
         check(&file).unwrap();
         check(&folder.path().join("new")).unwrap();
         assert_eq!((fs::read(&file).unwrap(), names(folder.path()).len()), (b"kept".to_vec(), 1));
+    }
+
+    /// What a killed process leaves is gone when the next one writes there; what one writes now stays.
+    #[test]
+    fn what_killed_processes_leave_is_swept() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        // No process has this number: the kernel's limit is 2^22.
+        fs::write(at(".foveate-99999999-3.part"), "half").unwrap();
+        fs::write(at(".foveate-99999999-x.png"), "kept").unwrap();
+        fs::write(at("other.part"), "kept").unwrap();
+        let written = at(".foveate-99999998-1.part");
+        fs::write(&written, "under way").unwrap();
+        let lock = Flock::lock(File::open(&written).unwrap(), FlockArg::LockExclusiveNonblock).unwrap();
+        std::os::unix::fs::symlink(at("other.part"), at(".foveate-99999999-4.part")).unwrap();
+        put(&at("a"), "new").unwrap();
+        let left = names(folder.path());
+        assert_eq!(
+            left,
+            [
+                ".foveate-99999998-1.part",
+                ".foveate-99999999-4.part",
+                ".foveate-99999999-x.png",
+                "a",
+                "other.part"
+            ]
+        );
+        drop(lock);
+        sweep(folder.path());
+        assert!(!written.exists());
     }
 
     #[test]

@@ -3,9 +3,10 @@
 //! A file holds, little-endian: the eight bytes `FVTREE01`; the XXH3 hash of all that follows (16 bytes);
 //! the numbers of nodes and of triangles in leaf order (8 bytes each); the nodes; the triangles in leaf
 //! order (4 bytes each). Where a file is missing, cut short or changed, the tree is built anew. Together
-//! files take at most [`MOST_BYTES`]: those that were not used for longest go first.
+//! files take at most [`MOST_BYTES`]: those that were not used for longest go first. A checksum says nothing about
+//! who wrote it: a tree is used only if it is sound ([`WideBvh::is_sound`]).
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -15,6 +16,7 @@ use xxhash_rust::xxh3::Xxh3;
 
 use super::wide::{EMPTY, LEAF, LeafSlot, WideBvh, WideNode, leaf_range};
 use crate::error::Error;
+use crate::private_file::{self, user_folder};
 use crate::whole_file;
 
 /// Changes whenever other trees are built from the same triangles, or files look different.
@@ -25,14 +27,6 @@ const HEADER: usize = 8 + 16 + 8 + 8;
 pub const MOST_BYTES: u64 = 1 << 30;
 /// Scenes with fewer triangles are built faster than anyone notices.
 pub const LEAST_TRIANGLES: usize = 50_000;
-
-/// The program's part of the user's cache: `$XDG_CACHE_HOME/foveate`, or `~/.cache/foveate`; `None` without a
-/// home.
-pub fn user_folder() -> Option<PathBuf> {
-    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let base = absolute("XDG_CACHE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".cache")))?;
-    Some(base.join("foveate"))
-}
 
 /// A folder of trees.
 #[derive(Clone, Debug)]
@@ -64,9 +58,7 @@ impl TreeCache {
             return (build(), false);
         }
         let path = self.folder.join(format!("{:032x}.tree", key(positions, triangles)));
-        if let Some(tree) = read(&path, triangles.len()) {
-            // The time of the last use decides which file goes first.
-            let _ = File::options().append(true).open(&path).and_then(|f| f.set_modified(SystemTime::now()));
+        if let Some(tree) = read(&path, positions, triangles) {
             return (tree, true);
         }
         let tree = build();
@@ -83,8 +75,7 @@ impl TreeCache {
             [bytemuck::cast_slice(&counts), bytemuck::cast_slice(&tree.nodes), bytemuck::cast_slice(&order)];
         let mut hash = Xxh3::new();
         parts.iter().for_each(|part| hash.update(part));
-        fs::create_dir_all(&self.folder).map_err(|e| Error::writing(&self.folder, &e))?;
-        whole_file::write(path, |file| {
+        private_file::write(path, |file| {
             let head = [&MAGIC[..], &hash.digest128().to_le_bytes()];
             head.iter()
                 .chain(&parts)
@@ -93,12 +84,13 @@ impl TreeCache {
         })
     }
 
-    /// Removes the files that were not used for longest until the rest fits.
+    /// Removes the files that were not used for longest until the rest fits, and what killed processes have left.
     fn make_room(&self) {
+        whole_file::sweep(&self.folder);
         let Ok(entries) = fs::read_dir(&self.folder) else { return };
         let mut files: Vec<(SystemTime, u64, PathBuf)> = entries
             .flatten()
-            .filter(|entry| entry.path().extension().is_some_and(|e| e == "tree"))
+            .filter(|entry| entry.path().extension().is_some_and(|e| e == "tree" || e == "part"))
             .filter_map(|entry| {
                 let about = entry.metadata().ok()?;
                 Some((about.modified().ok()?, about.len(), entry.path()))
@@ -106,7 +98,9 @@ impl TreeCache {
             .collect();
         files.sort_unstable();
         let mut bytes: u64 = files.iter().map(|file| file.1).sum();
-        for (_, size, path) in files {
+        for (_, size, path) in
+            files.into_iter().filter(|file| file.2.extension().is_some_and(|e| e == "tree"))
+        {
             if bytes <= self.most_bytes {
                 break;
             }
@@ -127,16 +121,22 @@ fn key(positions: &[Vec3], triangles: &[[u32; 3]]) -> u128 {
     hash.digest128()
 }
 
-/// A tree from a file; `None` where it is not there or not whole.
-fn read(path: &Path, triangles: usize) -> Option<WideBvh> {
-    let mut file = File::open(path).ok()?;
+/// The most pieces that a builder makes of a triangle on average, with plenty to spare.
+const MOST_PIECES: usize = 4;
+
+/// A tree from a file; `None` where it is not there, not whole or not sound. The time of the last use, which decides
+/// which file goes first, becomes now.
+fn read(path: &Path, positions: &[Vec3], triangles: &[[u32; 3]]) -> Option<WideBvh> {
+    let mut file = private_file::open(path)?;
     let mut head = [0; HEADER];
     file.read_exact(&mut head).ok()?;
     let number = |at: usize| u64::from_le_bytes(head[at..at + 8].try_into().expect("eight bytes")) as usize;
     let (nodes, places) = (number(24), number(32));
     let size = nodes.checked_mul(size_of::<WideNode>())?.checked_add(places.checked_mul(4)?)?;
     let length = file.metadata().ok()?.len();
-    if &head[..8] != MAGIC || length != (HEADER as u64).checked_add(size as u64)? {
+    // Before memory is taken: each place and each node has a triangle below it.
+    let few = places <= triangles.len().checked_mul(MOST_PIECES)? && nodes <= places.max(1);
+    if &head[..8] != MAGIC || length != (HEADER as u64).checked_add(size as u64)? || !few {
         return None;
     }
     let mut tree = WideBvh { nodes: vec![WideNode::VACANT; nodes], order: Vec::new() };
@@ -150,7 +150,11 @@ fn read(path: &Path, triangles: usize) -> Option<WideBvh> {
     if hash.digest128().to_le_bytes() != head[8..24] {
         return None;
     }
-    tree.order = slots(&tree.nodes, &order, triangles)?;
+    tree.order = slots(&tree.nodes, &order, triangles.len())?;
+    if !tree.is_sound(positions, triangles) {
+        return None;
+    }
+    let _ = file.set_modified(SystemTime::now());
     Some(tree)
 }
 

@@ -6,6 +6,7 @@
 pub mod binary;
 mod build;
 pub mod cache;
+mod check;
 pub mod compact;
 mod improve;
 mod refit;

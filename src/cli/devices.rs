@@ -1,29 +1,39 @@
 //! `foveate devices`: what this machine offers, what is used, and why not the rest.
 
+mod parts;
+
+use std::time::Duration;
+
 use serde::Serialize;
 
 use super::machine::{self, choose};
 use super::options::ConfigOptions;
 use super::output;
 use crate::config::{Config, Layers, Samples};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Plan, Renderer};
 use crate::gpu::interop;
 use crate::gpu::opencl::{Device, DeviceInfo, device};
 use crate::gpu::vulkan::{self, Context, ContextOptions};
 use crate::headset::openxr::Runtime;
+use crate::isolated;
 use crate::math::view::View;
 use crate::scene::{default_viewpoint, generate};
 use crate::speed::Choice;
 use crate::trace::State;
 
 use super::options::eye_fov;
+use parts::{KERNELS, OPENCL, OPENXR, Parts, SHARES, SHARING, VULKAN};
 
 /// Arguments of `foveate devices`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
     options: ConfigOptions,
+    /// Ask drivers in this very process, but not for these parts, each with what happened to it: this program starts
+    /// itself so.
+    #[arg(long, hide = true, value_name = "PART=WHY")]
+    without: Option<Vec<String>>,
 }
 
 #[derive(Serialize)]
@@ -75,9 +85,40 @@ struct Presenter {
     reason: String,
 }
 
-/// Runs the command.
+/// Runs the command: in processes of their own, as many as drivers end, so that it always has a report.
 pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
+    if let Some(without) = &args.without {
+        isolated::work_for_others();
+        let text = text_of(&report(&config, &Parts::without(without))?, args.options.json)?;
+        isolated::answer(&serde_json::to_string(&text).expect("text"));
+        return Ok(());
+    }
+    let Some(program) = isolated::program() else {
+        return output::print_line(&text_of(&report(&config, &Parts::default())?, args.options.json)?);
+    };
+    let given: Vec<String> =
+        std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
+    let mut parts = Parts::default();
+    loop {
+        match isolated::run(program, &[&given[..], &parts.arguments()].concat(), DEVICES_PATIENCE) {
+            Ok(answer) => {
+                return output::print_line(&serde_json::from_str::<String>(&answer).unwrap_or_default());
+            }
+            Err(failure) if parts.lose(&failure) => {}
+            Err(failure) => {
+                let problem = format!("{failure}; update this machine's drivers");
+                return Err(Error::NoDevice { kind: "OpenCL or Vulkan", problem });
+            }
+        }
+    }
+}
+
+/// A little longer than a trial of kernels, which has a patience of its own.
+const DEVICES_PATIENCE: Duration = Duration::from_secs(isolated::PATIENCE.as_secs() + 60);
+
+/// Asks drivers for everything.
+fn report(config: &Config, parts: &Parts) -> Result<Report> {
     let mut problems = Vec::new();
     let mut keep = |result: Result<()>| {
         let problem = result.err().map(|e| e.to_string());
@@ -85,14 +126,25 @@ pub fn run(args: &Args) -> Result<()> {
     };
 
     let wanted = (!config.devices.vulkan.is_empty()).then(|| config.devices.vulkan.clone());
-    let context = Context::new(&ContextOptions { device: wanted, ..Default::default() });
+    let asked = || Context::new(&ContextOptions { device: wanted, ..Default::default() });
+    let context = parts.ask(VULKAN, asked).and_then(|context| context);
     let presenting = context.as_ref().map_or([0; 16], |c| c.report().uuid);
-    let infos = device::list();
+    let listed = parts.ask(OPENCL, device::list);
+    let infos = listed.as_deref().unwrap_or_default().to_vec();
+    let opened = match listed {
+        Ok(_) => machine::open(&infos, &config.devices, &presenting),
+        Err(error) => Err(error),
+    };
     let chosen = choose(&infos, &config.devices.opencl, &presenting);
-    let opened = machine::open(&infos, &config.devices, &presenting);
     let tracing: &[Device] = opened.as_deref().unwrap_or_default();
     let sharing = match (tracing.first(), &context) {
-        (Some(device), Ok(context)) => Some(interop::explain(device, context)),
+        (Some(device), Ok(context)) => match parts.ask(SHARING, || interop::explain(device, context)) {
+            Ok(sharing) => Some(sharing),
+            Err(error) => {
+                keep(Err(error));
+                None
+            }
+        },
         _ => None,
     };
     // What a device is divided into is measured by itself when it is used.
@@ -100,16 +152,24 @@ pub fn run(args: &Args) -> Result<()> {
         let device = tracing.iter().find(|device| device.info().is(info))?;
         Some(config.trace.walk.on(device))
     };
-    let kernels: Vec<Option<Choice>> = infos.iter().map(kernels).collect();
+    let kernels: Vec<Option<Choice>> = match parts.ask(KERNELS, || infos.iter().map(kernels).collect()) {
+        Ok(kernels) => kernels,
+        Err(error) => {
+            keep(Err(error));
+            vec![None; infos.len()]
+        }
+    };
     let shares = match &context {
-        Ok(context) if tracing.len() > 1 => shares(tracing, context, &config),
+        Ok(context) if tracing.len() > 1 => {
+            parts.ask(SHARES, || shares(tracing, context, config)).and_then(|shares| shares)
+        }
         _ => Ok(tracing
             .iter()
             .map(|d| Share { name: d.info().name.clone(), share: 1.0, left_out: None })
             .collect()),
     };
     let used_uuid = context.as_ref().ok().map(|c| (c.report().uuid, c.report().name.clone()));
-    let vulkan = match vulkan::devices() {
+    let vulkan = match parts.ask(VULKAN, vulkan::devices).and_then(|devices| devices) {
         Ok(reports) => reports.into_iter().map(|r| describe_vulkan(r, used_uuid.as_ref())).collect(),
         Err(error) => {
             keep(Err(error));
@@ -130,9 +190,8 @@ pub fn run(args: &Args) -> Result<()> {
         .map(|(index, (info, kernels))| describe_opencl(info, chosen.contains(&index), kernels))
         .collect();
     let (sharing, sharing_reason) = sharing.map(|(way, why)| (way.to_string(), why)).unzip();
-    let report =
-        Report { opencl, vulkan, sharing, sharing_reason, shares, presenters: presenters(), problems };
-    if args.options.json { output::print_json(&report) } else { print(&report) }
+    let presenters = presenters(parts);
+    Ok(Report { opencl, vulkan, sharing, sharing_reason, shares, presenters, problems })
 }
 
 fn describe_opencl(info: DeviceInfo, used: bool, kernels: Option<Choice>) -> OpenClDevice {
@@ -194,12 +253,13 @@ fn describe_vulkan(report: vulkan::DeviceReport, used: Option<&([u8; 16], String
 }
 
 /// OpenXR's headset where one answers, else the mock one.
-fn presenters() -> Vec<Presenter> {
-    let runtime = Runtime::connect(true);
-    let used = runtime.is_ok();
+fn presenters(parts: &Parts) -> Vec<Presenter> {
+    let runtime = parts.ask(OPENXR, || Runtime::connect(true));
+    let used = matches!(runtime, Ok(Ok(_)));
     let reason = match runtime {
-        Ok(runtime) => format!("{} has a headset", runtime.name()),
-        Err(fault) => fault.into_error().to_string(),
+        Ok(Ok(runtime)) => format!("{} has a headset", runtime.name()),
+        Ok(Err(fault)) => fault.into_error().to_string(),
+        Err(error) => error.to_string(),
     };
     vec![
         Presenter { name: "OpenXR", used, reason },
@@ -207,7 +267,11 @@ fn presenters() -> Vec<Presenter> {
     ]
 }
 
-fn print(report: &Report) -> Result<()> {
+/// The report as it is printed.
+fn text_of(report: &Report, json: bool) -> Result<String> {
+    if json {
+        return output::json(report);
+    }
     let mark = |used: bool| if used { '*' } else { ' ' };
     let none = |devices: usize| (devices == 0).then(|| "     none".to_string());
     let mut lines = vec!["OpenCL (traces)".to_string()];
@@ -245,5 +309,5 @@ fn print(report: &Report) -> Result<()> {
     lines.push("Presenters".to_string());
     lines.extend(report.presenters.iter().map(|p| format!("{}    {}: {}", mark(p.used), p.name, p.reason)));
     lines.extend(report.problems.iter().map(|problem| format!("Problem: {problem}")));
-    output::print_line(&lines.join("\n"))
+    Ok(lines.join("\n"))
 }

@@ -3,7 +3,7 @@
 use crate::config::DevicesConfig;
 use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Renderer, Step};
-use crate::gpu::opencl::{Device, DeviceInfo, device};
+use crate::gpu::opencl::{Device, DeviceInfo, device, why_none};
 use crate::gpu::vulkan::{Context, ContextOptions};
 
 /// The devices that a frame needs.
@@ -91,9 +91,7 @@ pub fn open(all: &[DeviceInfo], config: &DevicesConfig, presenting: &[u8; 16]) -
 pub fn choose(devices: &[DeviceInfo], wanted: &str, presenting: &[u8; 16]) -> Result<Vec<usize>> {
     let missing = |problem: String| Err(Error::NoDevice { kind: "OpenCL", problem });
     if devices.is_empty() {
-        return missing(
-            "no OpenCL driver is installed; install your GPU's, or PoCL (pocl-opencl-icd) to trace on the CPU".into(),
-        );
+        return missing(why_none());
     }
     let presenting: String = presenting.iter().map(|byte| format!("{byte:02x}")).collect();
     let rank = |&index: &usize| {

@@ -60,6 +60,12 @@ enum Command {
     Bench(bench::Args),
     /// List what OpenCL and Vulkan offer here, what is used, and why not the rest.
     Devices(devices::Args),
+    /// Try kernels that a driver may crash or hang over: this program starts itself so.
+    #[command(hide = true)]
+    TryKernels {
+        /// The task.
+        task: String,
+    },
 }
 
 impl Cli {
@@ -78,6 +84,7 @@ impl Cli {
             Command::Tracker(args) => tracker::run(&args),
             Command::Bench(args) => bench::run(&args),
             Command::Devices(args) => devices::run(&args),
+            Command::TryKernels { task } => crate::speed::trial::work(&task),
         }
     }
 }

@@ -139,9 +139,13 @@ fn device_summaries(frames: &[FrameReport]) -> Vec<DeviceSummary> {
 
 /// Prints one JSON object on standard output.
 pub fn print_json(value: &impl Serialize) -> Result<()> {
-    let text = serde_json::to_string(value)
-        .map_err(|e| Error::setting("--json", format!("the result cannot be written as JSON: {e}")))?;
-    print_line(&text)
+    print_line(&json(value)?)
+}
+
+/// One JSON object.
+pub fn json(value: &impl Serialize) -> Result<String> {
+    serde_json::to_string(value)
+        .map_err(|e| Error::setting("--json", format!("the result cannot be written as JSON: {e}")))
 }
 
 /// Prints a line; a reader that has gone away is no error.

@@ -11,7 +11,7 @@ use crate::headset::rift_dk1::fusion::{Fusion, Keepsake};
 use crate::headset::rift_dk1::recording::{Reader, Writer};
 use crate::headset::rift_dk1::report::SensorReport;
 use line::Line;
-use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
+use std::io::{BufWriter, ErrorKind, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -70,10 +70,7 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// Runs a recording through the fusion.
 fn replay(args: &Args, path: &Path, out: &mut dyn Write) -> Result<()> {
-    if !std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.is_file() {
-        let problem = "it is not a regular file; give the path of a recording".to_string();
-        return Err(Error::File { path: path.to_path_buf(), problem });
-    }
+    check_regular(path, "a recording")?;
     let mut reader = Reader::open(path)?;
     let mut fusion = match &args.calibration {
         Some(path) => Fusion::resume(&read_keepsake(path)?),
@@ -115,8 +112,22 @@ fn replay(args: &Args, path: &Path, out: &mut dyn Write) -> Result<()> {
     Ok(())
 }
 
+/// Pipes and devices may have no end, or none that comes.
+fn check_regular(path: &Path, what: &str) -> Result<()> {
+    if !std::fs::metadata(path).map_err(|e| Error::io(path, &e))?.is_file() {
+        let problem = format!("it is not a regular file; give the path of {what}");
+        return Err(Error::File { path: path.to_path_buf(), problem });
+    }
+    Ok(())
+}
+
 fn read_keepsake(path: &Path) -> Result<Keepsake> {
-    let text = std::fs::read_to_string(path).map_err(|error| Error::io(path, &error))?;
+    /// Many times what a run keeps.
+    const MOST_BYTES: u64 = 1 << 16;
+    check_regular(path, "what a live run kept")?;
+    let file = std::fs::File::open(path).map_err(|error| Error::io(path, &error))?;
+    let mut text = String::new();
+    file.take(MOST_BYTES).read_to_string(&mut text).map_err(|error| Error::io(path, &error))?;
     serde_json::from_str(&text).map_err(|error| Error::File {
         path: path.to_path_buf(),
         problem: format!("this is no calibration of a tracker: {error}; give a file that a live run kept"),
@@ -222,6 +233,16 @@ pub(super) fn memory(config: &Dk1Config) -> Option<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_calibration_is_a_regular_file_of_moderate_size() {
+        let told = |path: &Path| read_keepsake(path).unwrap_err().to_string();
+        assert!(told(Path::new("/dev/zero")).contains("not a regular file"));
+        let folder = tempfile::tempdir().unwrap();
+        let sparse = folder.path().join("sparse");
+        std::fs::File::create(&sparse).unwrap().set_len(1 << 40).unwrap();
+        assert!(told(&sparse).contains("no calibration of a tracker"));
+    }
     use crate::headset::rift_dk1::report::SensorReport;
 
     #[test]

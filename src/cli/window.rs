@@ -113,6 +113,11 @@ impl Show<'_> {
             return Display::Plain(fitted(Profile::generic(), self.config, None));
         }
         let info = tracker.and_then(Tracker::display_info);
+        if info.as_ref().is_some_and(Optics::distrusts) {
+            super::complain(
+                "note: the tracker describes lenses that cannot be; those of the DK1 are assumed",
+            );
+        }
         let optics = info.map_or_else(Optics::default, |info| Optics::of_device(&info));
         let [eye_width, eye_height] = optics.picture_size(self.config.dk1.resolution);
         let profile = Profile {

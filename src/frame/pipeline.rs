@@ -497,8 +497,11 @@ impl Renderer {
 fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
     let environment = fitting_environment(&loaded.environment, devices);
     let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?);
-    let walking = |device: &Device| (device.clone(), config.trace.walk.on(device).walks);
-    Fleet::of_devices(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
+    let walking = |device: &Device| {
+        let choice = config.trace.walk.on(device);
+        (device.clone(), choice.for_frames(device, &data.features, data.depth))
+    };
+    Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
 }
 
 fn trace_settings(config: &Config) -> trace::Settings {

@@ -5,7 +5,7 @@
 use super::{AlphaMode, Environment, Scene, emitters};
 
 /// Kernel features; each becomes `-D NAME=0|1`, and buffers exist only for those that are on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Features {
     /// Some material reads a texture.
     pub textures: bool,

@@ -5,39 +5,29 @@
 //! other is clearly faster. What was found is kept in the user's cache, one file for each device, driver and
 //! text of the kernels: a line with the XXH3 hash of the next, and a line of JSON.
 
-use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
+use std::time::Duration;
 
-use glam::{DVec2, DVec3, Vec3};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use xxhash_rust::xxh3::{Xxh3, xxh3_128};
 
-use super::Workload;
-use crate::bvh::WideBvh;
-use crate::bvh::cache::user_folder;
+use super::trial;
+use super::variants::{Findings, Refusal, Times, examine};
 use crate::error::{Error, Result};
-use crate::foveation::{Law, Pattern};
 use crate::gpu::opencl::Device;
-use crate::math::pose::Pose;
-use crate::math::view::{FieldOfView, View};
-use crate::scene::{Material, Scene};
-use crate::trace::probe::{Probe, RayKind};
-use crate::trace::source::probe_text;
+use crate::isolated::{self, PATIENCE};
+use crate::private_file::{self, user_folder};
+use crate::scene::Features;
+use crate::trace::source::{self, probe_text};
 use crate::trace::{Walk, Walks};
-use crate::whole_file;
 
 /// Changes whenever measurements of old are not to be trusted any more.
-const MEASURED_AS: &str = "foveate walks 1";
+const MEASURED_AS: &str = "foveate walks 2";
 /// A variant is taken over the one that is expected where it needs less than this part of its time.
 const CLEARLY: f64 = 0.9;
-/// Every variant is timed so many times, unless one is beyond hope before.
-const ROUNDS: usize = 5;
-/// Beyond hope: slower than the best by this factor after one round, or after two, which noise hardly explains.
-const HOPELESS: [f64; 2] = [5.0, 2.0];
-/// Pixels along a side of the measured view, and its samples.
-const SIDE: u32 = 512;
-const SAMPLES: usize = 6000;
+/// After so long a variant that was of no use is tried again.
+const BELIEVED: Duration = Duration::from_secs(24 * 3600);
 /// A kept file is shorter than this.
 const MOST_BYTES: u64 = 4096;
 
@@ -49,8 +39,10 @@ pub struct Choice {
     pub walks: Walks,
     /// Where that is known from.
     pub source: Source,
-    /// Milliseconds of each variant: of dense camera rays, and of light rays; where it was measured.
+    /// Milliseconds of each variant that works: of dense camera rays, and of light rays; where it was measured.
     pub times: Vec<Times>,
+    /// Variants that do not work, and why.
+    pub refused: Vec<Refusal>,
 }
 
 /// Where a choice comes from.
@@ -67,22 +59,10 @@ pub enum Source {
     Assumed(String),
 }
 
-/// How long a variant took.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Times {
-    /// The variant.
-    pub walk: Walk,
-    /// Milliseconds of a camera ray through every pixel.
-    pub pixels_ms: f64,
-    /// Milliseconds of 32 light rays from what each sample sees.
-    pub bundles_ms: f64,
-}
-
 impl Choice {
     /// What settings force.
     pub fn forced(walk: Walk) -> Choice {
-        Choice { walks: walk.into(), source: Source::Forced, times: Vec::new() }
+        Choice { walks: walk.into(), source: Source::Forced, times: Vec::new(), refused: Vec::new() }
     }
 
     /// The choice for a device: from the user's cache, or measured now and kept there.
@@ -94,21 +74,85 @@ impl Choice {
     pub fn with_cache(device: &Device, folder: Option<&Path>) -> Choice {
         let usual = Walk::for_device(device);
         let path = folder.map(|folder| folder.join(format!("{:032x}.walks", key(device))));
-        if let Some(times) = path.as_deref().and_then(read) {
-            return Choice { walks: fastest(&times, usual), source: Source::Kept, times };
+        if let Some(findings) = path.as_deref().and_then(read) {
+            return Choice::from_findings(findings, usual, Source::Kept);
         }
-        match measure(device) {
-            Ok(times) => {
+        let found = match isolated::program() {
+            Some(program) => trial::variants(program, device, PATIENCE),
+            None => examine(device, &Walk::ALL),
+        };
+        match found {
+            Ok(findings) => {
                 if let Some(path) = &path {
                     // Without a place to keep it, it is measured again the next time.
-                    let _ = keep(path, &times);
+                    let _ = keep(path, &findings);
                 }
-                Choice { walks: fastest(&times, usual), source: Source::Measured, times }
+                Choice::from_findings(findings, usual, Source::Measured)
             }
-            Err(error) => {
-                Choice { walks: usual.into(), source: Source::Assumed(error.to_string()), times: Vec::new() }
+            Err(error) => Choice {
+                walks: usual.into(),
+                source: Source::Assumed(error.to_string()),
+                times: Vec::new(),
+                refused: Vec::new(),
+            },
+        }
+    }
+
+    fn from_findings(findings: Findings, usual: Walk, source: Source) -> Choice {
+        let Findings { times, refused } = findings;
+        Choice { walks: fastest(&times, usual), source, times, refused }
+    }
+
+    /// The variants to use for frames of a scene: those that were chosen, or, where its kernels do not work in them,
+    /// one that does.
+    ///
+    /// # Errors
+    /// Why none does, for the operator.
+    pub fn for_frames(&self, device: &Device, features: &Features, depth: u32) -> Result<Walks, String> {
+        self.for_frames_with_cache(device, features, depth, user_folder().map(|f| f.join("walks")).as_deref())
+    }
+
+    fn for_frames_with_cache(
+        &self,
+        device: &Device,
+        features: &Features,
+        depth: u32,
+        folder: Option<&Path>,
+    ) -> Result<Walks, String> {
+        let told = |refused: &[Refusal]| {
+            let reason = |r: &Refusal| format!("{}: {}", r.walk.name(), r.reason);
+            refused.iter().map(reason).collect::<Vec<_>>().join("; ")
+        };
+        if self.times.is_empty() && !self.refused.is_empty() {
+            return Err(format!(
+                "no variant of its kernels works ({}); update its driver",
+                told(&self.refused)
+            ));
+        }
+        let Some(program) = isolated::program() else { return Ok(self.walks) };
+        let mut candidates = vec![self.walks];
+        if self.source != Source::Forced {
+            let works = |walk: &Walk| self.refused.iter().all(|r| r.walk != *walk);
+            candidates.extend(Walk::ALL.into_iter().filter(works).map(Walks::from));
+        }
+        let mut problems = Vec::new();
+        for walks in candidates {
+            let path =
+                folder.map(|f| f.join(format!("{:032x}.frames", frames_key(device, features, depth, walks))));
+            let tried = path.as_deref().and_then(read_verdict).unwrap_or_else(|| {
+                let verdict = trial::frames(program, device, walks, *features, depth, PATIENCE);
+                let _ = path
+                    .as_deref()
+                    .map(|path| keep_line(path, &serde_json::to_string(&verdict).expect("text")));
+                verdict
+            });
+            match tried {
+                Ok(()) => return Ok(walks),
+                Err(problem) if !problems.contains(&problem) => problems.push(problem),
+                Err(_) => {}
             }
         }
+        Err(format!("its kernels do not work: {}; update its driver", problems.join("; ")))
     }
 
     /// One line: what, and why.
@@ -120,6 +164,9 @@ impl Choice {
                 |t: &Times| format!("{} {:.1} and {:.1} ms", t.walk.name(), t.pixels_ms, t.bundles_ms);
             self.times.iter().map(figure).collect::<Vec<_>>().join(", ")
         };
+        let refused: String =
+            self.refused.iter().map(|r| format!("; not {}: {}", r.walk.name(), r.reason)).collect();
+        let what = what + &refused;
         match &self.source {
             Source::Forced => format!("{what} (trace.walk)"),
             Source::Measured => format!("{what} (measured now: {})", figures()),
@@ -129,7 +176,7 @@ impl Choice {
     }
 }
 
-/// For each kind of ray the fastest variant; `usual`, where no other is clearly faster.
+/// For each kind of ray the fastest variant; `usual`, where it works and no other is clearly faster.
 fn fastest(times: &[Times], usual: Walk) -> Walks {
     let best = |ms: fn(&Times) -> f64| {
         let of_usual = times.iter().find(|t| t.walk == usual).map_or(f64::INFINITY, ms);
@@ -137,6 +184,18 @@ fn fastest(times: &[Times], usual: Walk) -> Walks {
         other.filter(|t| ms(t) < CLEARLY * of_usual).map_or(usual, |t| t.walk)
     };
     Walks { pixels: best(|t| t.pixels_ms), bundles: best(|t| t.bundles_ms) }
+}
+
+/// What a trial of the kernels of frames depends on.
+fn frames_key(device: &Device, features: &Features, depth: u32, walks: Walks) -> u128 {
+    let mut hash = Xxh3::new();
+    hash.update(&key(device).to_le_bytes());
+    hash.update(source::text().as_bytes());
+    for walk in [walks.pixels, walks.bundles] {
+        hash.update(source::options(device.info(), features, depth, walk).as_bytes());
+        hash.update(&[0]);
+    }
+    hash.digest128()
 }
 
 /// What a measurement depends on.
@@ -151,117 +210,49 @@ fn key(device: &Device) -> u128 {
     hash.digest128()
 }
 
-fn keep(path: &Path, times: &[Times]) -> Result<()> {
-    let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
-    fs::create_dir_all(&folder).map_err(|e| Error::writing(&folder, &e))?;
-    let line = serde_json::to_string(times).expect("numbers and names");
-    whole_file::write(path, |file| {
+fn keep(path: &Path, findings: &Findings) -> Result<()> {
+    keep_line(path, &serde_json::to_string(findings).expect("numbers and names"))
+}
+
+fn keep_line(path: &Path, line: &str) -> Result<()> {
+    private_file::write(path, |file| {
         writeln!(file, "{:032x}\n{line}", xxh3_128(line.as_bytes())).map_err(|e| Error::writing(path, &e))
     })
 }
 
-/// Kept times; `None` where the file is not there or not whole.
-fn read(path: &Path) -> Option<Vec<Times>> {
-    let mut text = String::new();
-    File::open(path).ok()?.take(MOST_BYTES).read_to_string(&mut text).ok()?;
-    let (hash, line) = text.strip_suffix('\n')?.split_once('\n')?;
-    if hash != format!("{:032x}", xxh3_128(line.as_bytes())) {
-        return None;
-    }
-    let times: Vec<Times> = serde_json::from_str(line).ok()?;
+/// Kept findings; `None` where the file is not there or not whole, or where it tells of a failure long ago.
+fn read(path: &Path) -> Option<Findings> {
+    let (line, age) = read_line(path)?;
+    let findings: Findings = serde_json::from_str(&line).ok()?;
+    let Findings { times, refused } = &findings;
     let is_time = |ms: f64| ms.is_finite() && ms > 0.0;
-    let whole = Walk::ALL.iter().all(|walk| times.iter().any(|t| t.walk == *walk));
-    (whole && times.iter().all(|t| is_time(t.pixels_ms) && is_time(t.bundles_ms))).then_some(times)
+    let known =
+        |walk: &Walk| times.iter().any(|t| t.walk == *walk) || refused.iter().any(|r| r.walk == *walk);
+    let whole = Walk::ALL.iter().all(known) && (refused.is_empty() || age < BELIEVED);
+    (whole && times.iter().all(|t| is_time(t.pixels_ms) && is_time(t.bundles_ms))).then_some(findings)
 }
 
-/// Traces the same rays by every variant in turn.
-fn measure(device: &Device) -> Result<Vec<Times>> {
-    let shape = landscape();
-    let tree = WideBvh::build(&shape.mesh.positions, &shape.mesh.triangles);
-    let view = View {
-        world_from_eye: Pose::look_at(DVec3::new(0.0, 2.5, 14.0), DVec3::new(0.0, 0.5, 0.0)),
-        fov: FieldOfView::symmetric(1.0, 1.0),
-        width: SIDE,
-        height: SIDE,
-    };
-    let pattern = Pattern::new(&view, &Law::default(), DVec2::splat(0.5), SAMPLES);
-    let mut probes = Vec::new();
-    for walk in Walk::ALL {
-        probes.push(Probe::new(device, &shape, &tree, walk)?);
-    }
-    let work = Workload::new(&mut probes[0], &shape, &tree, view, pattern)?;
-    probes[1..].iter_mut().try_for_each(|probe| work.load(probe))?;
-    let pixels = in_turns(&probes, RayKind::Pixels)?;
-    let bundles = in_turns(&probes, RayKind::Occlusion)?;
-    // Whole microseconds are read back as they were written.
-    let whole = |ms: f64| (ms * 1e3).round().max(1.0) / 1e3;
-    let times = probes.iter().zip(pixels.into_iter().zip(bundles));
-    Ok(times
-        .map(|(probe, (pixels, bundles))| Times {
-            walk: probe.walk(),
-            pixels_ms: whole(pixels),
-            bundles_ms: whole(bundles),
-        })
-        .collect())
+/// The kept verdict on the kernels of frames, as [`read`].
+fn read_verdict(path: &Path) -> Option<Result<(), String>> {
+    let (line, age) = read_line(path)?;
+    let verdict: Result<(), String> = serde_json::from_str(&line).ok()?;
+    (verdict.is_ok() || age < BELIEVED).then_some(verdict)
 }
 
-/// Each probe's fastest run, in milliseconds.
-fn in_turns(probes: &[Probe], kind: RayKind) -> Result<Vec<f64>> {
-    // The first launch may build the kernel.
-    probes.iter().try_for_each(|probe| probe.trace(kind).map(drop))?;
-    let mut best = vec![f64::INFINITY; probes.len()];
-    for round in 0..ROUNDS {
-        let leader = best.iter().copied().fold(f64::INFINITY, f64::min);
-        for (probe, best) in probes.iter().zip(&mut best) {
-            if round == 0 || *best < HOPELESS[round.min(2) - 1] * leader {
-                *best = best.min(probe.trace(kind)?.max(1e-6));
-            }
-        }
-    }
-    Ok(best)
-}
-
-/// Rolling ground with spheres of all sizes on it: some 35,000 triangles, seen at grazing and steep angles.
-fn landscape() -> Scene {
-    let mut scene =
-        Scene { materials: vec![Material { double_sided: true, ..Material::default() }], ..Scene::default() };
-    let mesh = &mut scene.mesh;
-    let mut patch = |cells: [u32; 2], at: &dyn Fn(f32, f32) -> Vec3| {
-        let first = mesh.positions.len() as u32;
-        let [across, along] = cells;
-        for y in 0..=along {
-            for x in 0..=across {
-                mesh.positions.push(at(x as f32 / across as f32, y as f32 / along as f32));
-                mesh.normals.push(Vec3::Y);
-            }
-        }
-        let place = |x: u32, y: u32| first + y * (across + 1) + x;
-        for (x, y) in (0..across).flat_map(|x| (0..along).map(move |y| (x, y))) {
-            let [a, b, c, d] = [place(x, y), place(x + 1, y), place(x + 1, y + 1), place(x, y + 1)];
-            mesh.triangles.extend([[a, b, c], [a, c, d]]);
-            mesh.materials.extend([0, 0]);
-        }
-    };
-    let height = |x: f32, z: f32| 0.6 * (0.7 * x).sin() * (0.5 * z).cos() + 0.15 * (2.3 * x + 1.7 * z).sin();
-    patch([100, 100], &|u, v| {
-        let (x, z) = (40.0 * u - 20.0, 40.0 * v - 20.0);
-        Vec3::new(x, height(x, z), z)
-    });
-    for i in 0..40u32 {
-        let (x, z) = ((i * 7 % 20) as f32 * 1.7 - 16.0, (i * 11 % 20) as f32 * 1.6 - 19.0);
-        let radius = 0.15 + 0.12 * (i % 8) as f32;
-        patch([24, 8], &|u, v| {
-            let (sin, cos) = (std::f32::consts::TAU * u).sin_cos();
-            let (height_of, around) = (std::f32::consts::PI * (v - 0.5)).sin_cos();
-            Vec3::new(x, height(x, z) + radius, z) + Vec3::new(cos * around, height_of, sin * around) * radius
-        });
-    }
-    scene
+/// The line of a kept file, and how old it is.
+fn read_line(path: &Path) -> Option<(String, Duration)> {
+    let mut text = String::new();
+    let file = private_file::open(path)?;
+    let age = file.metadata().ok()?.modified().ok()?.elapsed().unwrap_or_default();
+    file.take(MOST_BYTES).read_to_string(&mut text).ok()?;
+    let (hash, line) = text.strip_suffix('\n')?.split_once('\n')?;
+    (hash == format!("{:032x}", xxh3_128(line.as_bytes()))).then(|| (line.to_string(), age))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn times(values: [[f64; 2]; 2]) -> Vec<Times> {
         let of = |(walk, [pixels_ms, bundles_ms]): (Walk, [f64; 2])| Times { walk, pixels_ms, bundles_ms };
@@ -289,7 +280,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a/b.walks");
         assert_eq!(read(&path), None);
-        let some = times([[1.5, 2.25], [3.0, 4.5]]);
+        let some = Findings { times: times([[1.5, 2.25], [3.0, 4.5]]), refused: Vec::new() };
         keep(&path, &some).unwrap();
         assert_eq!(read(&path).as_ref(), Some(&some));
         let whole = fs::read(&path).unwrap();
@@ -303,10 +294,21 @@ mod tests {
         }
         fs::write(&path, [b'0'; 10_000]).unwrap();
         assert_eq!(read(&path), None);
-        keep(&path, &some[..1]).unwrap();
-        assert_eq!(read(&path), None, "a variant is missing");
-        keep(&path, &times([[1.0, 0.0], [1.0, 1.0]])).unwrap();
-        assert_eq!(read(&path), None, "no time at all");
+        let with = |times: Vec<Times>, refused: Vec<Refusal>| {
+            let findings = Findings { times, refused };
+            keep(&path, &findings).unwrap();
+            (read(&path) == Some(findings)).then_some(())
+        };
+        let refused = vec![Refusal { walk: Walk::Alone, reason: "its driver crashed".into() }];
+        assert_eq!(with(times([[1.0, 0.0], [1.0, 1.0]]), Vec::new()), None, "no time at all");
+        assert_eq!(with(some.times[..1].to_vec(), Vec::new()), None, "a variant is missing");
+        assert_eq!(with(some.times[..1].to_vec(), refused.clone()), Some(()));
+        let long_ago = std::time::SystemTime::now() - 2 * BELIEVED;
+        fs::File::options().append(true).open(&path).unwrap().set_modified(long_ago).unwrap();
+        assert_eq!(read(&path), None, "a failure of days ago");
+        let choice =
+            |times, refused| Choice::from_findings(Findings { times, refused }, Walk::Alone, Source::Kept);
+        assert_eq!(choice(some.times[..1].to_vec(), refused).walks, Walks::from(Walk::Together));
     }
 
     #[test]

@@ -5,8 +5,11 @@ mod choice;
 pub mod cpu_time;
 pub mod export;
 pub mod rate;
+pub mod trial;
+pub mod variants;
 pub mod workload;
 
-pub use choice::{Choice, Source, Times};
+pub use choice::{Choice, Source};
 pub use rate::{Rate, Rates};
+pub use variants::{Refusal, Times};
 pub use workload::Workload;

@@ -17,6 +17,9 @@ use crate::gpu::opencl::Device;
 /// times.
 pub type Opener = Box<dyn Fn(u32) -> Result<Box<dyn Hand>> + Send>;
 
+/// A device, and its variants of the kernels or why it is of no use.
+pub type Tried = (Device, std::result::Result<Walks, String>);
+
 /// How long devices may take to open: drivers build kernels meanwhile.
 const OPENING: Duration = Duration::from_secs(600);
 /// How long a device's first part may take: some drivers build kernels at the first launch.
@@ -87,14 +90,26 @@ impl Fleet {
     /// # Errors
     /// Where none of them can be used: the first one's reason.
     pub fn of_devices(devices: &[(Device, Walks)], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
-        let opener = |(index, (device, walks)): (usize, &(Device, Walks))| {
-            let (device, walks, data) = (device.clone(), *walks, data.clone());
+        let fit: Vec<Tried> = devices.iter().map(|(device, walks)| (device.clone(), Ok(*walks))).collect();
+        Self::of_tried(&fit, data, direct)
+    }
+
+    /// The same where some devices are known to be of no use, and why: they are left out with that sentence.
+    ///
+    /// # Errors
+    /// As [`Fleet::of_devices`].
+    pub fn of_tried(devices: &[Tried], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
+        let opener = |(index, (device, walks)): (usize, &Tried)| {
+            let (device, walks, data) = (device.clone(), walks.clone(), data.clone());
             let mut name = device.info().name.clone();
-            let twin = |other: &&(Device, Walks)| other.0.info().name == name;
+            let twin = |other: &&Tried| other.0.info().name == name;
             if devices.iter().filter(twin).count() > 1 {
                 name += &format!(" (number {})", devices[..=index].iter().filter(twin).count());
             }
             let open: Opener = Box::new(move |times| {
+                let walks = walks
+                    .clone()
+                    .map_err(|problem| Error::Device { device: device.info().name.clone(), problem })?;
                 Ok(Box::new(match times {
                     0 => DeviceHand::new(&device, &data, walks, direct && index == 0)?,
                     _ => DeviceHand::reopen(device.info(), &data, walks)?,

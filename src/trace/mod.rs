@@ -13,8 +13,8 @@ mod tracer;
 mod walk;
 pub mod warm;
 
-pub use fleet::{Fleet, Opener, Round, State};
+pub use fleet::{Fleet, Opener, Round, State, Tried};
 pub use hand::{DeviceHand, Done, Hand, Job, Landing};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData};
-pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera};
+pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera, try_kernels};
 pub use walk::{Walk, Walks};

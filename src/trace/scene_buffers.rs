@@ -9,7 +9,7 @@ use super::{Walk, Walks};
 use crate::bvh::WideBvh;
 use crate::bvh::compact::compact_nodes;
 use crate::error::{Error, Result};
-use crate::gpu::opencl::{Arg, Buffer, Device};
+use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
 use crate::layout::{self, pack_normal};
 use crate::scene::importance::DirectionTable;
 use crate::scene::{AlphaMode, Environment, Features, LightKind, Scene, TextureRef, emitters, texture::Wrap};
@@ -187,10 +187,28 @@ impl SceneData {
     /// # Errors
     /// [`Error::Device`] with what is too large.
     pub fn check_fit(&self, device: &Device, walks: Walks) -> Result<()> {
+        self.check_fit_with_stacks(device, walks, 0)
+    }
+
+    /// The same where a work-item of some kernel needs `stack` bytes of its own: drivers of graphics cards set
+    /// them aside for all work-items that may run at once.
+    ///
+    /// # Errors
+    /// As [`SceneData::check_fit`].
+    pub fn check_fit_with_stacks(&self, device: &Device, walks: Walks, stack: u64) -> Result<()> {
         let bytes = self.bytes(walks);
         let sum: u64 = bytes.iter().map(|b| b.bytes as u64).sum();
         let refuse = |problem: String| Err(Error::Device { device: device.info().name.clone(), problem });
         let info = device.info();
+        let stacks = stacks(info, stack);
+        if stacks > 0 && info.memory > 0 && sum + stacks > info.memory {
+            return refuse(format!(
+                "the scene needs {} MiB, its kernels' stacks {} MiB, and it has {}; use a smaller scene, trace.walk=together, or leave this device out with --devices",
+                sum.div_ceil(1 << 20),
+                stacks.div_ceil(1 << 20),
+                info.memory >> 20
+            ));
+        }
         if info.memory > 0 && sum > info.memory {
             return refuse(format!(
                 "the scene needs {} MiB and it has {}; use a smaller scene, or leave this device out with --devices",
@@ -212,6 +230,13 @@ impl SceneData {
     fn compact(&self) -> &[layout::CompactNode] {
         self.compact.get_or_init(|| compact_nodes(&self.nodes))
     }
+}
+
+/// Bytes that a driver sets aside for the stacks of all work-items that may run at once: 2048 on a unit of a
+/// graphics card (NVIDIA's limit from compute capability 7.0 on, but for 7.5 and 8.x, which have fewer).
+fn stacks(info: &DeviceInfo, stack: u64) -> u64 {
+    const RESIDENT: u64 = 2048;
+    if info.kind == "gpu" { stack.saturating_mul(RESIDENT * u64::from(info.compute_units)) } else { 0 }
 }
 
 impl SceneBuffers {

@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
+use crate::isolated;
 use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
@@ -156,6 +157,16 @@ impl Programs {
         let bundles = (walks.bundles != walks.pixels).then(|| build(walks.bundles)).transpose()?;
         Ok(Programs { walks, pixels: build(walks.pixels)?, bundles })
     }
+
+    /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
+    fn largest_stack(&self) -> Result<u64> {
+        let mut kernels = Vec::new();
+        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"] {
+            kernels.push(self.pixels.kernel(name)?);
+        }
+        kernels.push(self.bundles.as_ref().unwrap_or(&self.pixels).kernel("shade_samples")?);
+        Ok(kernels.iter().map(Kernel::private_bytes).max().unwrap_or(0))
+    }
 }
 
 impl Tracer {
@@ -198,6 +209,7 @@ impl Tracer {
 
     pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
         let program = &programs.pixels;
+        data.check_fit_with_stacks(device, programs.walks, programs.largest_stack()?)?;
         let bundles = programs.bundles.as_ref().unwrap_or(program);
         let scene = SceneBuffers::upload(device, data, programs.walks)?;
         Ok(Tracer {
@@ -533,6 +545,18 @@ impl Tracer {
 /// Hits that nothing was traced for: a kernel that reads one by mistake finds no triangle to follow.
 fn untraced(device: &Device, count: usize) -> Result<Buffer<HitRecord>> {
     Buffer::from_slice(device, &vec![HitRecord { triangle: UNTRACED, t: 0.0 }; count])
+}
+
+/// Builds the variants of the kernels for `features` and trees of `depth` levels, and has the device show that they
+/// work.
+///
+/// # Errors
+/// As [`Tracer::open`], but for the scene.
+pub fn try_kernels(device: &Device, features: &Features, depth: u32, walks: Walks) -> Result<()> {
+    isolated::stage("building the kernels of frames");
+    let programs = Programs::build(device, features, depth, walks)?;
+    isolated::stage("tracing the self-test");
+    super::self_test::run(device, &programs)
 }
 
 /// A view as kernels see it. The eye's position is split in two floats, so that a head far from the

@@ -13,7 +13,7 @@ pub enum Walk {
 }
 
 /// The variants for both kinds of rays. Where they differ, a device holds the tree in both forms.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Walks {
     /// For rays that pixels send: camera rays, the rays of edges, and those that ask for the sun.
     pub pixels: Walk,

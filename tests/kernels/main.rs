@@ -15,4 +15,5 @@ mod repairs;
 mod scenes;
 mod shown;
 mod stages;
+mod trees;
 mod watertight;

@@ -35,6 +35,9 @@ pub struct DeviceInfo {
     pub external_memory: Vec<String>,
     /// Why it cannot be used; `None` where it can.
     pub unusable: Option<String>,
+    /// Its place in [`list`]; a part's is that of the whole.
+    #[serde(skip)]
+    pub place: usize,
     #[serde(skip)]
     id: Handle,
     #[serde(skip)]
@@ -72,6 +75,7 @@ pub fn list() -> Vec<DeviceInfo> {
         };
         devices.extend(ids.into_iter().map(|id| describe(platform, id)));
     }
+    devices.iter_mut().enumerate().for_each(|(place, info)| info.place = place);
     devices
 }
 
@@ -114,6 +118,7 @@ fn describe(platform: cl_platform_id, id: cl_device_id) -> DeviceInfo {
             .map(str::to_string)
             .collect(),
         unusable,
+        place: 0,
         id: Handle(id),
         platform_id: Handle(platform),
     }
@@ -144,6 +149,7 @@ pub fn subdivide(info: &DeviceInfo, units: &[u32]) -> Result<Vec<DeviceInfo>> {
         part.name = format!("{} (part {} of {})", info.name, index + 1, units.len());
         part.compute_units = count;
         part.uuid = None;
+        part.place = info.place;
     }
     Ok(parts)
 }

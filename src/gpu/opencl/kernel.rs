@@ -59,6 +59,14 @@ impl Kernel {
         Kernel { device, kernel }
     }
 
+    /// Bytes of memory of its own that a work-item needs beside registers, for stacks and spills; 0 where the driver
+    /// does not tell.
+    pub fn private_bytes(&self) -> u64 {
+        const CL_KERNEL_PRIVATE_MEM_SIZE: u32 = 0x11B4;
+        cl3::kernel::get_kernel_work_group_info(self.kernel, self.device.id(), CL_KERNEL_PRIVATE_MEM_SIZE)
+            .map_or(0, u64::from)
+    }
+
     /// Enqueues the kernel over `items` work-items in groups of `local`; `items` is rounded up to
     /// whole groups, so the kernel checks its range.
     ///

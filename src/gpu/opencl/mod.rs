@@ -7,12 +7,14 @@ pub mod buffer;
 pub mod device;
 mod external;
 pub mod kernel;
+mod missing;
 pub mod program;
 
 pub use buffer::Buffer;
 pub use device::{Device, DeviceInfo};
 pub use external::OPAQUE_FD;
 pub use kernel::{Arg, Event, Kernel};
+pub use missing::why_none;
 pub use program::Program;
 
 /// An OpenCL error code with its name, as it appears in the specification.

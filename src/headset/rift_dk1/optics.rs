@@ -30,6 +30,10 @@ pub const REFRESH_HZ: f64 = 60.0;
 /// Radii on the panel up to which coefficients must be good: its corners are at 1.8.
 const FARTHEST: f64 = 2.5;
 
+/// The largest picture, in halves of the panel, and the most that a lens stretches.
+const MOST_SCALE: f64 = 4.0;
+const MOST_STRETCH: f64 = 50.0;
+
 /// One of the two eyes, and the half of the panel before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eye {
@@ -83,10 +87,22 @@ impl Optics {
         }
         let own: [f64; 4] = std::array::from_fn(|i| f64::from(info.distortion[i]));
         let good = Optics { coefficients: own, ..optics };
-        if kind >= 2 && good.is_monotonous() {
+        if kind == 2 && good.is_monotonous() && good.is_bounded() {
             optics = good;
         }
         optics
+    }
+
+    /// Whether a device describes lenses by coefficients that cannot be, so that the known ones are taken.
+    pub fn distrusts(info: &DisplayInfo) -> bool {
+        let own: [f64; 4] = std::array::from_fn(|i| f64::from(info.distortion[i]));
+        info.distortion_type & 0x0f >= 2 && Optics::of_device(info).coefficients != own
+    }
+
+    /// Whether pictures are of a size that a lens can ask for: the DK1's own makes them 1.7 times the panel's half,
+    /// and stretches the panel's corners 4 times.
+    fn is_bounded(&self) -> bool {
+        self.scale() < MOST_SCALE && self.distort(FARTHEST) < MOST_STRETCH * FARTHEST
     }
 
     /// Whether `f` grows all the way, so that it has an inverse.

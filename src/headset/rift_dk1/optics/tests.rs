@@ -134,7 +134,17 @@ fn a_device_is_believed_where_it_can_be() {
         DisplayInfo { distortion_type: 2, ..factory },
         DisplayInfo { distortion_type: 2, distortion: [1.0, -0.5, 0.0, 0.0, 0.0, 0.0], ..factory },
         DisplayInfo { distortion_type: 2, distortion: [f32::MAX; 6], ..factory },
+        DisplayInfo { distortion_type: 2, distortion: [0.77, 0.0, 0.0, 1.1e36, -2e38, 1.8e38], ..factory },
+        DisplayInfo { distortion_type: 2, distortion: [1.0, 0.0, 0.0, 2.0, 0.0, 0.0], ..factory },
+        DisplayInfo { distortion_type: 3, distortion: [1.0, 0.18, 0.115, 0.0, 0.0, 0.0], ..factory },
     ] {
         close(Optics::of_device(&nonsense).scale(), known.scale(), 1e-9);
     }
+    assert!(!Optics::distrusts(&factory) && !Optics::distrusts(&own));
+    let unbounded =
+        DisplayInfo { distortion_type: 2, distortion: [0.77, 0.0, 0.0, 1.1e36, 0.0, 0.0], ..factory };
+    assert!(Optics::distrusts(&unbounded));
+    // No picture is larger than a device can make, whatever a tracker says.
+    let most = Optics::of_device(&unbounded).picture_size(1.0);
+    assert!(most[0] < 2000 && most[1] < 2000, "{most:?}");
 }

@@ -1,0 +1,178 @@
+//! Kernels tried in a process of their own, before this one builds them: a driver that crashes or hangs over a
+//! variant loses that variant, and the program lives.
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::variants::{Findings, Refusal, examine};
+use crate::error::{Error, Result};
+use crate::gpu::opencl::{Device, device};
+use crate::isolated::{self, Failure, stage};
+use crate::scene::Features;
+use crate::trace::{Walk, Walks, try_kernels};
+
+/// What another process is to try.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Task {
+    /// The device's place in [`device::list`], and its name, which must be the same there.
+    pub place: usize,
+    /// See above.
+    pub name: String,
+    /// What is tried on it.
+    pub what: What,
+}
+
+/// What is tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum What {
+    /// Variants of the kernels, by answers and times.
+    Variants(Vec<Walk>),
+    /// The kernels of frames.
+    Frames {
+        /// The variants.
+        walks: Walks,
+        /// What the scene requires.
+        features: Features,
+        /// Levels of its tree.
+        depth: u32,
+    },
+}
+
+impl What {
+    fn on(self, device: &Device) -> Vec<String> {
+        let info = device.info();
+        // What is divided is tried as a whole: driver and kernels are the same.
+        let name = info.name.split(" (part ").next().unwrap_or_default().to_string();
+        let task = Task { place: info.place, name, what: self };
+        vec!["try-kernels".into(), serde_json::to_string(&task).expect("numbers and names")]
+    }
+}
+
+/// Every variant as `program` finds it in a process of its own. Where that ends before its answer, each variant gets
+/// one to itself, so that the other is found all the same.
+///
+/// # Errors
+/// Where the device fails in a way that is no variant's.
+pub fn variants(program: &Path, device: &Device, patience: Duration) -> Result<Findings> {
+    let ask = |walks: &[Walk]| isolated::run(program, &What::Variants(walks.to_vec()).on(device), patience);
+    match ask(&Walk::ALL) {
+        Ok(answer) => findings(device, &answer),
+        Err(_) => {
+            let mut all = Findings::default();
+            for walk in Walk::ALL {
+                match ask(&[walk]) {
+                    Ok(answer) => {
+                        let found = findings(device, &answer)?;
+                        all.times.extend(found.times);
+                        all.refused.extend(found.refused);
+                    }
+                    Err(failure) => all.refused.push(Refusal { walk, reason: failure.to_string() }),
+                }
+            }
+            Ok(all)
+        }
+    }
+}
+
+fn findings(device: &Device, answer: &str) -> Result<Findings> {
+    let parsed: Result<Findings, String> =
+        serde_json::from_str(answer).unwrap_or_else(|e| Err(e.to_string()));
+    parsed.map_err(|problem| Error::Device { device: device.info().name.clone(), problem })
+}
+
+/// Whether the kernels of frames work, as `program` finds it in a process of its own.
+///
+/// # Errors
+/// Why they do not.
+pub fn frames(
+    program: &Path,
+    device: &Device,
+    walks: Walks,
+    features: Features,
+    depth: u32,
+    patience: Duration,
+) -> Result<(), String> {
+    let what = What::Frames { walks, features, depth };
+    let answer = isolated::run(program, &what.on(device), patience).map_err(|f: Failure| f.to_string())?;
+    serde_json::from_str(&answer).unwrap_or_else(|e| Err(e.to_string()))
+}
+
+/// The other process' side: does the task and tells what it found.
+///
+/// # Errors
+/// Where the text is no task.
+pub fn work(task: &str) -> Result<()> {
+    let refused = |problem: String| Error::setting("try-kernels", problem);
+    let task: Task = serde_json::from_str(task).map_err(|e| refused(format!("this is no task: {e}")))?;
+    isolated::work_for_others();
+    stage("asking OpenCL's drivers for devices");
+    let infos = device::list();
+    let info = infos.get(task.place).filter(|info| info.name == task.name);
+    let info = info.ok_or_else(|| refused(format!("{} is not there", task.name)))?;
+    stage("opening the device");
+    let text = |error: Error| error.to_string();
+    let opened = Device::open(info).map_err(text);
+    let answer = match task.what {
+        What::Variants(walks) => {
+            let found: Result<Findings, String> =
+                opened.and_then(|device| examine(&device, &walks).map_err(text));
+            serde_json::to_string(&found)
+        }
+        What::Frames { walks, features, depth } => {
+            let found: Result<(), String> =
+                opened.and_then(|device| try_kernels(&device, &features, depth, walks).map_err(text));
+            serde_json::to_string(&found)
+        }
+    };
+    isolated::answer(&answer.expect("numbers and names"));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    /// Programs that behave as drivers do: which variants they spoil, and how.
+    #[test]
+    fn a_variant_that_crashes_or_hangs_is_out_and_the_other_is_taken() {
+        let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else {
+            println!("not run: no OpenCL device");
+            return;
+        };
+        let device = Device::open(&info).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("program");
+        let found = |ending: &str| {
+            let script = format!(
+                "#!/bin/sh\ncase \"$2\" in *together*) echo '@foveate stage building'; {ending};; esac\n\
+                 echo '@foveate answer {{\"Ok\":{{\"times\":[{{\"walk\":\"alone\",\"pixels_ms\":1.0,\"bundles_ms\":2.0}}],\"refused\":[]}}}}'\n"
+            );
+            std::fs::write(&program, script).unwrap();
+            std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+            variants(&program, &device, Duration::from_secs(1)).unwrap()
+        };
+        for (ending, told) in [
+            ("kill -SEGV $$", "its driver crashed (SIGSEGV) while building"),
+            ("exit 8", "its driver ended the program with code 8 while building"),
+            ("exec sleep 60", "its driver did not answer for 1 s while building"),
+        ] {
+            let found = found(ending);
+            let walks: Vec<Walk> = found.times.iter().map(|t| t.walk).collect();
+            assert_eq!(walks, [Walk::Alone], "{ending}");
+            let refused = Refusal { walk: Walk::Together, reason: told.into() };
+            assert_eq!(found.refused, [refused], "{ending}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_answer_is_no_finding() {
+        let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else { return };
+        let device = Device::open(&info).unwrap();
+        assert!(findings(&device, "{}").is_err());
+        let refused = findings(&device, "{\"Err\":\"it is out of paper\"}").unwrap_err().to_string();
+        assert!(refused.ends_with("it is out of paper"), "{refused}");
+    }
+}
