@@ -50,7 +50,7 @@ fn main() {
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for method in [Method::Guided, Method::KNearest] {
-        let mut config = Config::default();
+        let mut config = Config::default().without_reuse();
         config.reconstruction.method = method;
         let output = Output::Radiance;
         let mut renderer = Renderer::new(&tracer, &context, &loaded, &config, output).expect("a renderer").0;

@@ -157,7 +157,7 @@ impl Variant {
 }
 
 fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) -> Found {
-    let config = Config::default();
+    let config = Config::default().without_reuse();
     let light = Environment::constant(Vec3::ONE);
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let walk = Walk::for_device(device);

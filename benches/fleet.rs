@@ -93,7 +93,7 @@ fn sharing(frames: usize, factor: u32) {
     let half = info.compute_units / 2;
     let parts = device::subdivide(&info, &[half, half]).expect("a device that can be divided");
     let parts: Vec<Device> = parts.iter().map(|part| Device::open(part).expect("a part")).collect();
-    let mut config = Config::default();
+    let mut config = Config::default().without_reuse();
     config.foveation.samples = Samples::Count(55_000);
     let loaded = Loaded::from_glb("demo", &generate::demo::generate(), &config).expect("the demo scene");
     let data = Arc::new(

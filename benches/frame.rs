@@ -96,7 +96,7 @@ fn config(arguments: &Arguments, scene: &str, method: &[&str]) -> Config {
         layers.assign(assignment).expect("a setting");
     }
     arguments.set.iter().for_each(|assignment| layers.assign(assignment).expect("a setting"));
-    layers.finish().expect("settings that fit")
+    layers.finish().expect("settings that fit").without_reuse()
 }
 
 fn load(scene: &str, config: &Config) -> Loaded {

@@ -33,6 +33,8 @@ pub struct Config {
     pub trace: TraceConfig,
     /// How samples become pixels.
     pub reconstruction: ReconstructionConfig,
+    /// What frames know of each other.
+    pub time: TimeConfig,
     /// Light from infinitely far.
     pub environment: EnvironmentConfig,
     /// How long a frame may take.
@@ -238,6 +240,32 @@ pub enum WeightsConfig {
     Gaussian,
     /// The inverse distance.
     Inverse,
+}
+
+impl Config {
+    /// The same for pictures that stand for themselves: none knows of those before.
+    pub fn without_reuse(mut self) -> Config {
+        self.time.reuse = false;
+        self
+    }
+}
+
+/// What frames know of each other.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimeConfig {
+    /// Carry light that earlier frames have found to the next ones (guided only).
+    pub reuse: bool,
+    /// Estimates of a sample's light at most that its mean holds.
+    pub frames: u32,
+    /// Let samples of one eye serve the other, too.
+    pub eyes: bool,
+}
+
+impl Default for TimeConfig {
+    fn default() -> Self {
+        TimeConfig { reuse: true, frames: 32, eyes: true }
+    }
 }
 
 /// Light from infinitely far: a map, or a clear sky with a sun.
@@ -645,6 +673,7 @@ impl Config {
         whole("trace.bounces", self.trace.bounces, 0, 4)?;
         whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;
         whole("reconstruction.k", self.reconstruction.k, 1, 16)?;
+        whole("time.frames", self.time.frames, 1, 256)?;
         let environment = &self.environment;
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;

@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use foveate::bvh::WideBvh;
-use foveate::config::{Config, Method, Samples, Stereo};
+use foveate::config::{Config, Method, Samples, Stereo, TimeConfig};
 use foveate::foveation::BitMask;
 use foveate::frame::stereo::parallel_eyes;
 use foveate::frame::{Loaded, Output, Plan, Renderer, Shot};
@@ -35,7 +35,7 @@ fn machine() -> Option<(Device, Context)> {
 }
 
 fn config(method: Method, samples: Samples, rays: u32) -> Config {
-    let mut config = Config::default();
+    let mut config = Config::default().without_reuse();
     config.reconstruction.method = method;
     config.foveation.samples = samples;
     config.trace.rays = rays;
@@ -325,4 +325,42 @@ fn hidden_pixels_get_no_samples() {
         Picture::new(WIDTH / 2 - 2, HEIGHT, right).unwrap()
     };
     assert!(psnr(&seen(&half), &seen(&whole)) > 25.0, "what is seen stays as it is");
+}
+
+#[test]
+fn frames_at_rest_hold_still_and_a_switch_makes_them_stand_alone() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let alone = config(Method::Guided, Samples::Count(3000), 4);
+    let mut together = alone.clone();
+    together.time = TimeConfig::default();
+    let plan = Plan::stereo(eyes(&loaded), Stereo::PerEye).unwrap();
+    let frames = |config: &Config, forgets: bool| -> Vec<Picture> {
+        let mut renderer = renderer(&machine, &loaded, config);
+        let picture = |seed| {
+            if forgets {
+                renderer.forget();
+            }
+            renderer.frame(&plan, &[], seed).unwrap();
+            let pixels: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&renderer.picture().unwrap());
+            let rgb = pixels.iter().map(|p| [p[0], p[1], p[2]]).collect();
+            Picture::new(plan.width, plan.height, rgb).unwrap()
+        };
+        (0..12).map(picture).collect()
+    };
+    let (off, on, forgotten) = (frames(&alone, false), frames(&together, false), frames(&together, true));
+    let left = |picture: &Picture| -> Vec<[f32; 3]> {
+        picture.pixels.chunks(plan.width as usize).flat_map(|row| row[..row.len() / 2].to_vec()).collect()
+    };
+    // The first eye has nothing to look up then; the second one has the first.
+    assert!(off.iter().zip(&forgotten).all(|(a, b)| left(a) == left(b)), "bit for bit");
+    let noise = |frames: &[Picture]| psnr(&frames[11], &frames[10]);
+    let (boiling, calm) = (noise(&off), noise(&on));
+    println!("from frame to frame: {boiling:.1} dB alone, {calm:.1} dB with reuse");
+    assert!(calm > boiling + 12.0, "{boiling} {calm}");
+    let truth = frames(&config(Method::Guided, Samples::Count(3000), 512), false);
+    let (noisy, settled) = (psnr(&off[11], &truth[11]), psnr(&on[11], &truth[11]));
+    println!("to light without noise: {noisy:.1} dB alone, {settled:.1} dB with reuse");
+    assert!(settled > noisy + 6.0, "{noisy} {settled}");
+    assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
 }

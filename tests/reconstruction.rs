@@ -57,6 +57,7 @@ fn render(
         visibility: None,
         sun: None,
         shown_from: None,
+        other: None,
         exposure: 0.0,
         outputs: &outputs,
     };
@@ -85,7 +86,7 @@ fn differences(found: &[[f32; 4]], expected: &[DVec3]) -> (usize, f64) {
 fn check(context: &Context, view: &View, k: u32, samples: &[u32]) {
     let colours = colours(samples.len());
     for (weights, kind) in KINDS {
-        let settings = Settings { mode: Mode::KNearest, k, weights };
+        let settings = Settings { mode: Mode::KNearest, k, weights, reuse: None };
         let found = render(context, view, settings, samples, &colours);
         let (count, worst) = differences(&found, &brute_force(view, k, kind, samples, &colours));
         let View { width, height, .. } = view;
@@ -128,7 +129,7 @@ fn full_pictures_are_their_samples() {
     let colours = colours(samples.len());
     let expected = brute_force(&view, 1, WeightKind::Inverse, &samples, &colours);
     for (weights, _) in KINDS {
-        let settings = Settings { mode: Mode::KNearest, k: 4, weights };
+        let settings = Settings { mode: Mode::KNearest, k: 4, weights, reuse: None };
         let found = render(&context, &view, settings, &samples, &colours);
         assert_eq!(differences(&found, &expected).0, 0, "{weights:?}");
     }
@@ -155,7 +156,7 @@ fn wrong_pictures_are_noticed() {
     let Some(context) = common::vulkan() else { return };
     let view = view(97, 61);
     let samples = pattern(&view, DVec2::splat(0.5), 320);
-    let settings = Settings { mode: Mode::KNearest, k: 6, weights: Weights::Shepard };
+    let settings = Settings { mode: Mode::KNearest, k: 6, weights: Weights::Shepard, reuse: None };
     let mut colours = colours(samples.len());
     let expected = brute_force(&view, 6, WeightKind::Shepard, &samples, &colours);
     let found = |k, colours: &[[f32; 3]]| {

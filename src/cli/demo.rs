@@ -94,6 +94,7 @@ pub fn run(args: &Args) -> Result<()> {
         profile: fitted(Profile::generic(), &config, None),
         rest: default_viewpoint(&loaded.scene, config.view.fov_y).world_from_eye,
         gaze: None,
+        still: false,
         out: &args.out,
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;

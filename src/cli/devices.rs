@@ -211,7 +211,7 @@ const SIZE: [u32; 2] = [320, 200];
 
 /// Renders small frames of the demo scene, and tells which part of them each device takes in the end.
 fn shares(devices: &[Device], context: &Context, config: &Config) -> Result<Vec<Share>> {
-    let mut config = config.clone();
+    let mut config = config.clone().without_reuse();
     config.foveation.samples = Samples::Count(16_000);
     let loaded = Loaded::from_glb("the demo scene", &generate::demo::generate(), &config)?;
     let (mut renderer, _) = Renderer::with_devices(devices, context, &loaded, &config, Output::Display)?;

@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<()> {
     defaults.foveation.samples = crate::config::Samples::Share(55_000.0 / 1_024_000.0);
     // What is given is compared with a reference of as many bounces of light.
     defaults.trace.indirect = crate::config::Indirect::Paths;
-    let config = args.options.config_over(Layers::over(defaults))?;
+    let config = args.options.config_over(Layers::over(defaults))?.without_reuse();
     let profile = mock::fitted(mock::profile(&args.headset)?, &config, args.options.fov_y());
     whole_file::check_folder(&args.out)?;
     let (machine, loaded) = render::open(&args.scene, &config)?;

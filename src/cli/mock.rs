@@ -32,6 +32,9 @@ pub struct Args {
     /// The headset to mock: dk1 or generic.
     #[arg(long, value_name = "NAME", default_value = "generic")]
     headset: String,
+    /// Keep head and gaze at rest, for measuring what changes when nothing moves.
+    #[arg(long)]
+    still: bool,
     #[command(flatten)]
     options: RenderOptions,
 }
@@ -75,6 +78,8 @@ pub struct Session<'a> {
     pub rest: Pose,
     /// Where the eyes look all the time, in 0..1 of an eye's picture; along the script where absent.
     pub gaze: Option<DVec2>,
+    /// Keep head and gaze at rest.
+    pub still: bool,
     /// Where files go.
     pub out: &'a Path,
 }
@@ -94,6 +99,7 @@ pub fn run(args: &Args) -> Result<()> {
         profile: fitted(profile, &config, args.options.fov_y()),
         rest,
         gaze: args.options.gaze(),
+        still: args.still,
         out: &args.out,
     };
     let summary = session.run(|_| args.frames, f64::from(args.frames) / profile.refresh_hz)?;
@@ -152,7 +158,10 @@ impl Session<'_> {
         let profile = &self.profile;
         let (mut renderer, steps) = self.machine.renderer(self.loaded, self.config, Output::Display)?;
         let reach = reach(self.loaded);
-        let script = |seconds| Script::demo(self.rest, seconds).with_reach(reach);
+        let script = |seconds| match self.still {
+            true => Script::still(self.rest, DVec2::splat(0.5)),
+            false => Script::demo(self.rest, seconds).with_reach(reach),
+        };
 
         let mut controller = budget::controller(self.config, Some(1e3 / profile.refresh_hz))?;
         if let Some(controller) = &controller {
@@ -169,6 +178,7 @@ impl Session<'_> {
         if let Some(controller) = &mut controller {
             controller.observe(warm.frame_ms, warm.pattern_ms);
         }
+        renderer.forget();
         output::print_warnings(&renderer.take_notes());
         let count = frames(warm.frame_ms).max(1);
 

@@ -57,7 +57,7 @@ struct Summary {
 pub fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
     let kind = file_kind(&args.out)?;
-    let config = chosen(args.options.config_for_picture()?)?;
+    let config = chosen(args.options.config_for_picture()?)?.without_reuse();
     // Nobody should wait for a picture that has no place to go.
     whole_file::check(&args.out)?;
     let (machine, loaded) = open(&args.scene, &config)?;

@@ -17,7 +17,7 @@ use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::math::pose::Pose;
 use crate::math::view::View;
-use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Weights};
+use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
 use crate::scene::Sun;
 use crate::trace::{self, Fleet, Job, Landing, SceneData};
 
@@ -343,6 +343,8 @@ impl Renderer {
             sun: self.sun,
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
+            // Eyes come in pairs: wide views first, insets after them.
+            other: Some(index ^ 1),
             outputs: &shot.outputs,
         };
         self.reconstruction.submit(index, &frame)
@@ -487,6 +489,11 @@ impl Renderer {
         self.light_steps = steps;
     }
 
+    /// The next frames find nothing of those before: after a cut, or where each frame has to stand for itself.
+    pub fn forget(&mut self) {
+        self.reconstruction.forget();
+    }
+
     /// Camera rays go through random points of their pixels from now on, or through their centres.
     pub fn set_jitter(&mut self, jitter: bool) {
         self.settings.jitter = jitter;
@@ -528,5 +535,6 @@ fn reconstruction_settings(config: &Config) -> reconstruct::Settings {
             WeightsConfig::Gaussian => Weights::Gaussian,
             WeightsConfig::Inverse => Weights::Inverse,
         },
+        reuse: config.time.reuse.then_some(Reuse { frames: config.time.frames, eyes: config.time.eyes }),
     }
 }

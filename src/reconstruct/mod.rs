@@ -13,6 +13,7 @@
 //! the former since), and tables never leave the device's memory.
 
 mod grid;
+mod history;
 mod settings;
 mod shaders;
 mod tables;
@@ -25,6 +26,7 @@ use std::collections::HashMap;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
 
+pub use history::Reuse;
 pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weights};
 
 use crate::error::{Error, Result};
@@ -36,6 +38,7 @@ use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
+use history::{Accumulate, Fresh, History};
 use settings::PREPARED_BYTES;
 use tables::{Finders, Tables};
 use warp::Warp;
@@ -53,6 +56,7 @@ pub struct Reconstruction {
     settings: Settings,
     finders: Finders,
     prepare: Prepare,
+    accumulate: Option<Accumulate>,
     passes: HashMap<Attachments, PassPipeline>,
     views: Vec<ViewState>,
 }
@@ -67,6 +71,7 @@ struct ViewState {
     commands: Commands,
     dropped: HostBuffer,
     warp: HostBuffer,
+    history: History,
 }
 
 /// What a frame's samples are made into.
@@ -84,6 +89,8 @@ pub struct Frame<'a> {
     pub shown_from: Option<Pose>,
     /// Stops that come to each output's own.
     pub exposure: f32,
+    /// The view of the other eye, whose samples may serve this one: see [`Settings::reuse`].
+    pub other: Option<usize>,
     /// Where the pixels go: rectangles of one target do not overlap.
     pub outputs: &'a [Output<'a>],
 }
@@ -176,6 +183,10 @@ impl Reconstruction {
         Ok(Reconstruction {
             context: context.clone(),
             finders: Finders::new(context, &settings)?,
+            accumulate: match (settings.mode, settings.reuse) {
+                (Mode::Guided(_), Some(reuse)) => Some(Accumulate::new(context, reuse)?),
+                _ => None,
+            },
             settings,
             prepare,
             passes: HashMap::new(),
@@ -203,6 +214,7 @@ impl Reconstruction {
                 commands: Commands::new(&self.context)?,
                 dropped: HostBuffer::new(&self.context, 4)?,
                 warp: HostBuffer::new(&self.context, size_of::<Warp>())?,
+                history: History::default(),
             });
         }
         let state = &mut self.views[view];
@@ -232,6 +244,8 @@ impl Reconstruction {
         for output in frame.outputs {
             self.require_pass(output.target.attachments())?;
         }
+        let other =
+            frame.other.and_then(|other| self.views.get(other)).and_then(|other| other.history.lend());
         let state = &mut self.views[view];
         let tables = &mut state.tables;
         assert_eq!((frame.view.width, frame.view.height), (tables.width, tables.height), "size of the view");
@@ -249,6 +263,22 @@ impl Reconstruction {
         let rays = rays(frame.view, frame.sun);
         let pixel_width = f64::from(rays.across[0]).hypot(f64::from(rays.across[1]));
         let pixel_width = pixel_width.hypot(f64::from(rays.across[2])) as f32;
+        let samples = match (&self.accumulate, &frame.visibility) {
+            (Some(accumulate), Some(visibility)) if tables.bands().len() == 1 => {
+                let GuidedSettings { normal_power, plane_tolerance, .. } = self.settings.guided();
+                let view = frame.view;
+                let samples = &samples;
+                let fresh =
+                    Fresh { view, samples, visibility, rays, pixel_width, normal_power, plane_tolerance };
+                let history = &mut state.history;
+                let records =
+                    accumulate.record(&self.context, commands, tables, history, other.as_ref(), &fresh)?;
+                tables.keep();
+                commands.end_stage("accumulate");
+                records
+            }
+            _ => samples,
+        };
         self.prepare.record(commands, tables, &self.settings, &samples, &dropped, (rays, pixel_width))?;
         commands.end_stage("filter");
         for output in frame.outputs {
@@ -285,6 +315,11 @@ impl Reconstruction {
     /// [`Error::Device`] if the device is lost.
     pub fn wait(&mut self, view: usize) -> Result<Vec<StageTime>> {
         self.views.get_mut(view).map_or(Ok(Vec::new()), |state| state.commands.wait())
+    }
+
+    /// The next frames find nothing of those before: after a cut, or where each frame has to stand for itself.
+    pub fn forget(&mut self) {
+        self.views.iter_mut().for_each(|state| state.history.forget());
     }
 
     /// How many samples of a view's last frame that was waited for were not finite and were left out.

@@ -1,5 +1,6 @@
 //! What can be chosen about reconstruction.
 
+use super::history::Reuse;
 use crate::error::{Error, Result};
 
 /// Most samples that a pixel averages.
@@ -79,11 +80,14 @@ pub struct Settings {
     pub k: u32,
     /// Weights by distance.
     pub weights: Weights,
+    /// Light that earlier frames and the other eye have found is carried on (guided only); `None`: each frame stands
+    /// for itself.
+    pub reuse: Option<Reuse>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { mode: Mode::default(), k: 4, weights: Weights::default() }
+        Settings { mode: Mode::default(), k: 4, weights: Weights::default(), reuse: None }
     }
 }
 
@@ -112,6 +116,11 @@ impl Settings {
         if !(0.0..=1e4).contains(&guided.normal_power) {
             let problem = format!("{} is not in 0 to 10000", guided.normal_power);
             return Err(Error::setting("normal_power", problem));
+        }
+        if let Some(frames) =
+            self.reuse.map(|reuse| reuse.frames).filter(|frames| !(1..=256).contains(frames))
+        {
+            return Err(Error::setting("time.frames", format!("{frames} is not in 1 to 256")));
         }
         Ok(())
     }

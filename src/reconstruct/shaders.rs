@@ -2,6 +2,7 @@
 
 use super::{FilterParameters, PixelParameters};
 use crate::gpu::vulkan::Shader;
+use crate::reconstruct::history::AccumulateParameters;
 use crate::reconstruct::tables::NeighbourParameters;
 
 macro_rules! spirv {
@@ -15,6 +16,13 @@ pub const FILTER: Shader = Shader {
     words: spirv!("filter"),
     buffers: 5,
     push: size_of::<FilterParameters>() as u32,
+};
+
+pub const ACCUMULATE: Shader = Shader {
+    name: "accumulate.wgsl",
+    words: spirv!("accumulate"),
+    buffers: 14,
+    push: size_of::<AccumulateParameters>() as u32,
 };
 
 pub const RECONSTRUCT: Shader = Shader {

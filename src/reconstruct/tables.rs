@@ -88,6 +88,11 @@ pub(super) struct Tables {
     /// Neighbours of each sample, itself included.
     pub neighbours: u32,
     bands: Vec<Band>,
+    /// Bands of an earlier pattern, whose memory the next one may have.
+    spare: Vec<Band>,
+    spare_shape: (u32, u32, u32),
+    /// Whether the next frame looks this one's samples up: then a new pattern leaves its tables alone.
+    kept: bool,
     nearest: Option<BufferRef>,
     positions: BufferRef,
     prepared: BufferRef,
@@ -123,6 +128,9 @@ impl Tables {
             k: 0,
             neighbours: 1,
             bands: Vec::new(),
+            spare: Vec::new(),
+            spare_shape: (0, 0, 0),
+            kept: false,
             nearest: None,
             positions: empty.clone(),
             prepared: empty,
@@ -145,6 +153,11 @@ impl Tables {
 
     pub fn prepared(&self) -> &BufferRef {
         &self.prepared
+    }
+
+    /// The next frame looks up what this one is made of: a new pattern does not overwrite it.
+    pub fn keep(&mut self) {
+        self.kept = true;
     }
 
     pub fn wait(&mut self) -> Result<Vec<StageTime>> {
@@ -203,7 +216,12 @@ impl Tables {
         let grid = if map.is_none() { Some(Grid::new(width, height, samples)?) } else { None };
         let k = if map.is_some() { 1 } else { settings.k.min(samples.len() as u32) };
         self.commands.begin()?;
-        let same = (self.width, self.height, self.k) == (width, height, k);
+        let mut shape = (self.width, self.height, self.k);
+        if std::mem::take(&mut self.kept) {
+            std::mem::swap(&mut self.bands, &mut self.spare);
+            shape = std::mem::replace(&mut self.spare_shape, shape);
+        }
+        let same = shape == (width, height, k);
         (self.width, self.height, self.k, self.count) = (width, height, k, samples.len());
         self.positions = upload(context, &mut self.commands, samples)?;
         if self.prepared.size() < samples.len() * PREPARED_BYTES {
@@ -460,7 +478,7 @@ mod tests {
 
     fn check_pattern(context: &Context, k: u32, weights: Weights, size: (u32, u32), samples: &[u32]) {
         let guided = GuidedSettings { neighbours: MAX_NEIGHBOURS, ..GuidedSettings::default() };
-        let settings = Settings { mode: Mode::Guided(guided), k, weights };
+        let settings = Settings { mode: Mode::Guided(guided), k, weights, reuse: None };
         let finders = Finders::new(context, &settings).unwrap();
         let mut tables = Tables::new(context).unwrap();
         tables.set(context, &settings, &finders, size, samples).unwrap();

@@ -77,6 +77,7 @@ impl Bench {
             sun: None,
             shown_from: None,
             exposure: 0.0,
+            other: None,
             outputs,
         };
         self.reconstruction.submit(0, &frame).unwrap();
@@ -419,6 +420,7 @@ fn guided_reconstruction_asks_for_visibility() {
         sun: None,
         shown_from: None,
         exposure: 0.0,
+        other: None,
         outputs: &outputs,
     };
     let error = bench.reconstruction.submit(0, &frame).unwrap_err();

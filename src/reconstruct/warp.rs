@@ -34,7 +34,7 @@ impl Warp {
 
 /// Three vectors in world orientation: a point p relative to the eye is seen in the image, in pixels, at
 /// `(x . p, y . p) / (ahead . p)`, as [`View::project`] has it.
-fn projection(view: &View) -> [DVec3; 3] {
+pub(super) fn projection(view: &View) -> [DVec3; 3] {
     let axis = |v: DVec3| view.world_from_eye.rotation * v;
     let ahead = axis(DVec3::NEG_Z);
     let fov = &view.fov;

@@ -17,6 +17,7 @@
 //!   the light that other surfaces send, the direct light of those surfaces included.
 //! - Camera rays that meet nothing see the map, and the sun where they are inside its disc.
 
+pub mod accumulate;
 pub mod brdf;
 mod bvh;
 pub mod intersect;

@@ -22,7 +22,7 @@ fn picture(
     colours: &[[f32; 3]],
     from: Option<Pose>,
 ) -> Vec<[f32; 4]> {
-    let settings = Settings { mode: Mode::KNearest, k, weights: Weights::Shepard };
+    let settings = Settings { mode: Mode::KNearest, k, weights: Weights::Shepard, reuse: None };
     let mut reconstruction = Reconstruction::new(context, settings).unwrap();
     reconstruction.set_pattern(0, view.width, view.height, samples).unwrap();
     let records: Vec<SampleRecord> =
@@ -37,6 +37,7 @@ fn picture(
         visibility: None,
         sun: None,
         shown_from: from,
+        other: None,
         exposure: 0.0,
         outputs: &outputs,
     };

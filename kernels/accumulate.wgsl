@@ -1,0 +1,335 @@
+// Light that earlier frames and the other eye have found, carried to this frame's samples (temporal reuse as in Schied
+// et al. 2017, at samples instead of pixels). Each sample looks up where its surface point was seen, takes what the
+// samples of the same surface there have accumulated, and adds its own light to that mean.
+//#include shared/records.wgsl
+
+// A frame of a view whose samples are looked up: the last one of the same view, or the newest one of the other eye.
+struct Source {
+    rays: Rays,
+    // This view's eye relative to that one's, in metres in world orientation; w is 0 where nothing can be looked up.
+    offset: vec4<f32>,
+    // Pixel of that view from a point p relative to its eye: (x . p, y . p) / (ahead . p).
+    x: vec4<f32>,
+    y: vec4<f32>,
+    ahead: vec4<f32>,
+    // Pixels across and down, and samples that are known to be nearest to each of them.
+    size: vec4<u32>,
+}
+
+struct Sources {
+    last: Source,
+    other: Source,
+}
+
+struct Parameters {
+    rays: Rays,
+    // Samples.
+    count: u32,
+    // Neighbours whose mean tells whether light has changed, the sample itself included.
+    neighbours: u32,
+    // Exponent of the cosine between normals.
+    normal_power: f32,
+    // See `plane_exponent`.
+    plane_tolerance: f32,
+    // Width of a pixel at depth 1 metre.
+    pixel_width: f32,
+    // Pixels across.
+    width: u32,
+    // Estimates at most that a mean holds.
+    longest: f32,
+    padding: u32,
+}
+var<immediate> parameters: Parameters;
+
+// What is known of a sample besides its light.
+struct History {
+    // Estimates in the mean of the diffuse and of the specular part.
+    diffuse_age: f32,
+    specular_age: f32,
+    // Mean brightness of the neighbourhood over the last few frames, over many, and its variance from frame to frame.
+    fast: f32,
+    slow: f32,
+    variance: f32,
+    // How much of the sun's disc is seen, 0 to 1.
+    sun: f32,
+    padding: vec2<f32>,
+}
+
+// This frame's SampleRecords, two words of four for each, and where they are.
+@group(0) @binding(0) var<storage, read> fresh: array<vec4<u32>>;
+@group(0) @binding(1) var<storage, read> positions: array<u32>;
+// [neighbour][sample]: indices, nearest first.
+@group(0) @binding(2) var<storage, read> nearest: array<u32>;
+// One VisibilityRecord for each pixel.
+@group(0) @binding(3) var<storage, read> visibility: array<VisibilityRecord>;
+// The same records with accumulated light, and their history.
+@group(0) @binding(4) var<storage, read_write> records: array<vec4<u32>>;
+@group(0) @binding(5) var<storage, read_write> histories: array<History>;
+@group(0) @binding(6) var<storage, read> sources: array<Sources, 1>;
+// Of the view's last frame: records, histories, positions, and [neighbour][pixel]: indices of the nearest samples.
+@group(0) @binding(7) var<storage, read> last_records: array<vec4<u32>>;
+@group(0) @binding(8) var<storage, read> last_histories: array<History>;
+@group(0) @binding(9) var<storage, read> last_positions: array<u32>;
+@group(0) @binding(10) var<storage, read> last_indices: array<u32>;
+// Of the other eye's newest frame: records without what that eye has accumulated, so that no estimate counts twice.
+@group(0) @binding(11) var<storage, read> other_fresh: array<vec4<u32>>;
+@group(0) @binding(12) var<storage, read> other_positions: array<u32>;
+@group(0) @binding(13) var<storage, read> other_indices: array<u32>;
+
+// Specular light per sample is divided by F0, which is small for most: this share of it counts as brightness.
+const SPECULAR_SHARE = 0.1;
+// The rate of the fast mean, and the variance of such a mean relative to that of its values: r / (2 - r).
+const FAST_RATE = 0.25;
+const FAST_VARIANCE = 0.142857;
+// Light has changed where both means differ by more than this many standard deviations, or by this part of them.
+const DEVIATIONS = 3.0;
+const UNNOTICED = 0.03;
+// Estimates that the means need before they tell that light has changed, which ends them.
+const TELLING = 6.0;
+// Surfaces must agree at least so much somewhere for their history to count.
+const LEAST_AGREEMENT = 0.3;
+// Square of a distance in pixels below which samples count as at the same place.
+const SAME_PLACE = 0.01;
+
+struct Point {
+    at: vec2<f32>,
+    point: vec3<f32>,
+    normal: vec3<f32>,
+    pixel_width: f32,
+}
+
+fn is_usable(first: vec4<u32>, second: vec4<u32>) -> bool {
+    return all_finite(bitcast<vec3<f32>>(first.xyz)) && all_finite(bitcast<vec3<f32>>(second.xyz))
+        && is_finite(bitcast<f32>(first.w)) && bitcast<f32>(first.w) > 0.0;
+}
+
+fn brightness(first: vec4<u32>, second: vec4<u32>) -> f32 {
+    let light = bitcast<vec3<f32>>(first.xyz) + SPECULAR_SHARE * bitcast<vec3<f32>>(second.xyz);
+    return dot(light, vec3(0.2126, 0.7152, 0.0722));
+}
+
+// The pixel of a source in which a point relative to its eye is seen, in pixels from the centre of the first;
+// outside of it x is -1.
+fn seen_at(source: Source, point: vec3<f32>) -> vec2<f32> {
+    let ahead = dot(source.ahead.xyz, point);
+    let at = vec2(dot(source.x.xyz, point), dot(source.y.xyz, point)) / ahead;
+    let inside = ahead > 0.0 && all(at >= vec2(0.0)) && all(at < vec2<f32>(source.size.xy));
+    return select(vec2(-1.0), at - 0.5, inside && source.offset.w != 0.0);
+}
+
+fn pixel_of(source: Source, at: vec2<f32>) -> u32 {
+    let pixel = min(vec2<u32>(at + 0.5), source.size.xy - 1u);
+    return pixel.y * source.size.x + pixel.x;
+}
+
+// How well a source's sample agrees with a point, which is relative to the source's eye.
+fn agreement(source: Source, point: Point, packed: u32, first: vec4<u32>, second: vec4<u32>) -> f32 {
+    let depth = bitcast<f32>(first.w);
+    let there = point_at(source.rays, f32(packed & 0xffffu), f32(packed >> 16u), depth);
+    let exponent = normal_exponent(point.normal, unpack_normal24(second.w), parameters.normal_power)
+        + plane_exponent(point.normal, there - point.point, parameters.plane_tolerance, point.pixel_width);
+    return select(0.0, exp2(exponent), is_usable(first, second));
+}
+
+fn by_distance(packed: u32, at: vec2<f32>) -> f32 {
+    let off = vec2(f32(packed & 0xffffu), f32(packed >> 16u)) - at;
+    let squared = dot(off, off) + SAME_PLACE;
+    return 1.0 / (squared * squared);
+}
+
+// How much of specular light found from one eye holds for another: the reflected direction turns by twice as much as
+// the view's, and a lobe is about as wide as its alpha.
+fn alike_reflection(point: vec3<f32>, offset: vec3<f32>, roughness: f32) -> f32 {
+    let turned = 2.0 * length(normalize(point) - normalize(point + offset));
+    let relative = turned / (roughness * roughness + 0.01);
+    return exp(-relative * relative);
+}
+
+struct Found {
+    first: vec3<f32>,
+    second: vec3<f32>,
+    history: History,
+    weight: f32,
+    agreement: f32,
+}
+
+// What the view's last frame has accumulated for a point, weighted means.
+fn look_back(point: Point, sun_centre: u32) -> Found {
+    let source = sources[0].last;
+    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, vec2(0.0)), 0.0, 0.0);
+    let at = seen_at(source, point.point);
+    if at.x < -0.5 {
+        return found;
+    }
+    let pixels = source.size.x * source.size.y;
+    var sun_sum = 0.0;
+    for (var slot = pixel_of(source, at); slot < source.size.z * pixels; slot += pixels) {
+        let index = last_indices[slot];
+        let first = last_records[2u * index];
+        let second = last_records[2u * index + 1u];
+        let packed = last_positions[index];
+        let agree = agreement(source, point, packed, first, second);
+        let weight = agree * by_distance(packed, at);
+        let history = last_histories[index];
+        if !(weight > 0.0) {
+            continue;
+        }
+        found.first += weight * bitcast<vec3<f32>>(first.xyz);
+        found.second += weight * bitcast<vec3<f32>>(second.xyz);
+        found.history.diffuse_age += weight * history.diffuse_age;
+        found.history.specular_age += weight * history.specular_age;
+        found.history.fast += weight * history.fast;
+        found.history.slow += weight * history.slow;
+        found.history.variance += weight * history.variance;
+        let same_side = select(0.0, weight, (second.w >> 24u & 1u) == sun_centre);
+        found.history.sun += same_side * history.sun;
+        sun_sum += same_side;
+        found.weight += weight;
+        found.agreement = max(found.agreement, agree);
+    }
+    if !(found.agreement > LEAST_AGREEMENT) {
+        found.weight = 0.0;
+        return found;
+    }
+    let scale = 1.0 / found.weight;
+    found.first *= scale;
+    found.second *= scale;
+    found.history.diffuse_age *= scale;
+    found.history.specular_age *= scale;
+    found.history.fast *= scale;
+    found.history.slow *= scale;
+    found.history.variance *= scale;
+    found.history.sun = select(-1.0, found.history.sun / sun_sum, sun_sum > 0.0);
+    return found;
+}
+
+struct Shared {
+    first: vec3<f32>,
+    second: vec3<f32>,
+    // Up to 1: how much of an estimate of this eye's own it is worth.
+    weight: f32,
+}
+
+// What the other eye has just found for a point.
+fn look_across(point: Point) -> Shared {
+    let source = sources[0].other;
+    var shared_light = Shared(vec3(0.0), vec3(0.0), 0.0);
+    let at = seen_at(source, point.point);
+    if at.x < -0.5 {
+        return shared_light;
+    }
+    let pixels = source.size.x * source.size.y;
+    var sum = 0.0;
+    var agreed = 0.0;
+    for (var slot = pixel_of(source, at); slot < source.size.z * pixels; slot += pixels) {
+        let index = other_indices[slot];
+        let first = other_fresh[2u * index];
+        let second = other_fresh[2u * index + 1u];
+        let packed = other_positions[index];
+        let agree = agreement(source, point, packed, first, second);
+        let weight = agree * by_distance(packed, at);
+        if !(weight > 0.0) {
+            continue;
+        }
+        shared_light.first += weight * bitcast<vec3<f32>>(first.xyz);
+        shared_light.second += weight * bitcast<vec3<f32>>(second.xyz);
+        sum += weight;
+        agreed = max(agreed, agree);
+    }
+    if agreed > LEAST_AGREEMENT {
+        shared_light = Shared(shared_light.first / sum, shared_light.second / sum, agreed);
+    } else {
+        shared_light = Shared(vec3(0.0), vec3(0.0), 0.0);
+    }
+    return shared_light;
+}
+
+// Mean brightness of this frame's samples around one on its surface: its noise is small enough to tell a change of
+// light from chance.
+fn brightness_around(index: u32, point: Point) -> f32 {
+    var sum = 0.0;
+    var weights = 0.0;
+    for (var j = 0u; j < parameters.neighbours; j++) {
+        let other = nearest[j * parameters.count + index];
+        let first = fresh[2u * other];
+        let second = fresh[2u * other + 1u];
+        let packed = positions[other];
+        let there = point_at(parameters.rays, f32(packed & 0xffffu), f32(packed >> 16u), bitcast<f32>(first.w));
+        let exponent = normal_exponent(point.normal, unpack_normal24(second.w), parameters.normal_power)
+            + plane_exponent(point.normal, there - point.point, parameters.plane_tolerance, point.pixel_width);
+        let weight = select(0.0, exp2(exponent), is_usable(first, second));
+        sum += select(0.0, weight * brightness(first, second), weight > 0.0);
+        weights += weight;
+    }
+    return select(brightness(fresh[2u * index], fresh[2u * index + 1u]), sum / weights, weights > 0.0);
+}
+
+// The means of brightness with one more value; where they tell that light has changed, all estimates begin anew.
+fn followed(last: History, value: f32) -> History {
+    var history = last;
+    let rate = 1.0 / (min(last.diffuse_age, parameters.longest) + 1.0);
+    let off = value - last.slow;
+    history.fast = mix(last.fast, value, max(FAST_RATE, rate));
+    history.slow = mix(last.slow, value, rate);
+    let differ = history.fast - history.slow;
+    let forgiven = UNNOTICED * last.slow;
+    // By the variance without this value: a change would hide behind its own.
+    let limit = DEVIATIONS * DEVIATIONS * (FAST_VARIANCE * last.variance) + forgiven * forgiven;
+    if last.diffuse_age >= TELLING && differ * differ > limit {
+        history.diffuse_age = 0.0;
+        history.specular_age = 0.0;
+        history.fast = value;
+        history.slow = value;
+    } else {
+        history.variance = mix(last.variance, off * off, rate);
+    }
+    return history;
+}
+
+@compute @workgroup_size(64)
+fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= parameters.count {
+        return;
+    }
+    let first = fresh[2u * id.x];
+    let second = fresh[2u * id.x + 1u];
+    records[2u * id.x] = first;
+    records[2u * id.x + 1u] = second;
+    histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, vec2(0.0));
+    if !is_usable(first, second) {
+        return;
+    }
+    let packed = positions[id.x];
+    let at = vec2(packed & 0xffffu, packed >> 16u);
+    let depth = bitcast<f32>(first.w);
+    let normal = unpack_normal24(second.w);
+    let width = parameters.pixel_width * depth;
+    let here = Point(vec2<f32>(at), point_at(parameters.rays, f32(at.x), f32(at.y), depth), normal, width);
+    let roughness = roughness_of(visibility[at.y * parameters.width + at.x]);
+    let sun_centre = second.w >> 24u & 1u;
+
+    let back = sources[0].last.offset.xyz;
+    let found = look_back(Point(here.at, here.point + back, normal, width), sun_centre);
+    let across = sources[0].other.offset.xyz;
+    let lent = look_across(Point(here.at, here.point + across, normal, width));
+    let lent_specular = lent.weight * alike_reflection(here.point, across, roughness);
+
+    let value = brightness_around(id.x, here);
+    var history = History(0.0, 0.0, value, value, 0.0, -1.0, vec2(0.0));
+    if found.weight > 0.0 {
+        history = followed(found.history, value);
+        history.specular_age *= alike_reflection(here.point, back, roughness);
+    }
+    let diffuse_age = min(history.diffuse_age + 1.0 + lent.weight, parameters.longest);
+    let specular_age = min(history.specular_age + 1.0 + lent_specular, parameters.longest);
+    let own_sun = f32(second.w >> 25u) / 127.0;
+    let light = (bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / (1.0 + lent.weight);
+    let gloss = (bitcast<vec3<f32>>(second.xyz) + lent_specular * lent.second) / (1.0 + lent_specular);
+    let diffuse = mix(found.first, light, min((1.0 + lent.weight) / diffuse_age, 1.0));
+    let specular = mix(found.second, gloss, min((1.0 + lent_specular) / specular_age, 1.0));
+    let sun = select(own_sun, mix(history.sun, own_sun, 1.0 / diffuse_age), history.sun >= 0.0);
+    let sun_byte = u32(round(sun * 127.0)) << 1u | sun_centre;
+    records[2u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), first.w);
+    records[2u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
+    histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, sun, vec2(0.0));
+}

@@ -1,0 +1,222 @@
+//! What a view's frames keep for the next one and for the other eye: light found before is carried to new samples.
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+use super::tables::Tables;
+use super::warp::projection;
+use super::{Rays, rays, shaders};
+use crate::error::Result;
+use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};
+use crate::layout::SampleRecord;
+use crate::math::view::View;
+
+/// Bytes of a sample's ages and means, as `kernels/accumulate.wgsl` has them.
+const HISTORY_BYTES: usize = 32;
+/// Neighbours whose mean brightness tells whether light has changed.
+const CHANGE_NEIGHBOURS: u32 = 12;
+
+/// What is reused, and for how long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reuse {
+    /// Estimates at most that the mean of a sample's light holds, 1 to 256.
+    pub frames: u32,
+    /// Whether samples of one eye serve the other.
+    pub eyes: bool,
+}
+
+/// Carries light to a frame's samples.
+pub(super) struct Accumulate {
+    pipeline: ComputePipeline,
+    reuse: Reuse,
+}
+
+/// A view's memory of its frames.
+#[derive(Default)]
+pub(super) struct History {
+    /// What the last frame has left, and memory that the next one may use.
+    last: Option<Kept>,
+    spare: Option<Buffers>,
+    sources: Option<HostBuffer>,
+}
+
+/// A frame's samples as they are looked up later.
+#[derive(Clone)]
+struct Kept {
+    view: View,
+    /// Samples that are known to be nearest to each pixel.
+    k: u32,
+    buffers: Buffers,
+    positions: BufferRef,
+    indices: BufferRef,
+}
+
+#[derive(Clone)]
+struct Buffers {
+    /// Records as they were traced, with accumulated light, and their histories.
+    fresh: BufferRef,
+    records: BufferRef,
+    histories: BufferRef,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Source {
+    rays: Rays,
+    offset: [f32; 4],
+    x: [f32; 4],
+    y: [f32; 4],
+    ahead: [f32; 4],
+    size: [u32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub(super) struct AccumulateParameters {
+    rays: Rays,
+    count: u32,
+    neighbours: u32,
+    normal_power: f32,
+    plane_tolerance: f32,
+    pixel_width: f32,
+    width: u32,
+    longest: f32,
+    padding: u32,
+}
+
+/// What a frame brings along.
+pub(super) struct Fresh<'a> {
+    pub view: &'a View,
+    pub samples: &'a BufferRef,
+    /// One visibility record for each pixel.
+    pub visibility: &'a BufferRef,
+    pub rays: Rays,
+    pub pixel_width: f32,
+    pub normal_power: f32,
+    pub plane_tolerance: f32,
+}
+
+impl Source {
+    /// Looks points of `view` up in what was kept; nothing where there is none.
+    fn new(view: &View, kept: Option<&Kept>) -> Source {
+        let Some(kept) = kept else { return Source::zeroed() };
+        let offset: DVec3 = view.world_from_eye.position - kept.view.world_from_eye.position;
+        let [x, y, ahead] = projection(&kept.view).map(|row| row.as_vec3().extend(0.0).to_array());
+        Source {
+            rays: rays(&kept.view, None),
+            offset: offset.as_vec3().extend(1.0).to_array(),
+            x,
+            y,
+            ahead,
+            size: [kept.view.width, kept.view.height, kept.k, 0],
+        }
+    }
+}
+
+impl Accumulate {
+    /// Builds the shader.
+    pub fn new(context: &Context, reuse: Reuse) -> Result<Self> {
+        Ok(Accumulate {
+            pipeline: ComputePipeline::new(context, &shaders::ACCUMULATE, "accumulate_samples")?,
+            reuse,
+        })
+    }
+
+    /// Records the pass for a frame of a view, whose memory is `history`; returns the records with what was
+    /// found before. `other` is the other eye's memory.
+    pub fn record(
+        &self,
+        context: &Context,
+        commands: &mut Commands,
+        tables: &Tables,
+        history: &mut History,
+        other: Option<&Other>,
+        fresh: &Fresh<'_>,
+    ) -> Result<BufferRef> {
+        let other = other.filter(|_| self.reuse.eyes).map(|other| &other.0);
+        let sources = [Source::new(fresh.view, history.last.as_ref()), Source::new(fresh.view, other)];
+        let uniform = match history.sources.take() {
+            Some(buffer) => buffer,
+            None => HostBuffer::new(context, size_of_val(&sources))?,
+        };
+        uniform.write(0, &sources);
+        let buffers = history.buffers(context, tables.count)?;
+        commands.copy(fresh.samples, &buffers.fresh, tables.count * size_of::<SampleRecord>());
+        commands.barrier();
+        let parameters = AccumulateParameters {
+            rays: fresh.rays,
+            count: tables.count as u32,
+            neighbours: tables.nearest().map_or(0, |_| tables.neighbours.min(CHANGE_NEIGHBOURS)),
+            normal_power: fresh.normal_power,
+            plane_tolerance: fresh.plane_tolerance,
+            pixel_width: fresh.pixel_width,
+            width: tables.width,
+            longest: self.reuse.frames as f32,
+            padding: 0,
+        };
+        let now = Kept {
+            view: *fresh.view,
+            k: tables.k,
+            buffers,
+            positions: tables.positions().clone(),
+            indices: tables.bands()[0].indices.clone(),
+        };
+        let (last, lent) = (history.last.as_ref().unwrap_or(&now), other.unwrap_or(&now));
+        let sources = BufferRef::from(&uniform);
+        let bound = [
+            &now.buffers.fresh,
+            &now.positions,
+            tables.nearest().unwrap_or(&now.positions),
+            fresh.visibility,
+            &now.buffers.records,
+            &now.buffers.histories,
+            &sources,
+            &last.buffers.records,
+            &last.buffers.histories,
+            &last.positions,
+            &last.indices,
+            &lent.buffers.fresh,
+            &lent.positions,
+            &lent.indices,
+        ];
+        let groups = [parameters.count.div_ceil(64), 1, 1];
+        commands.dispatch(&self.pipeline, &bound.map(Some), bytemuck::bytes_of(&parameters), groups)?;
+        let records = now.buffers.records.clone();
+        history.spare = history.last.replace(now).map(|kept| kept.buffers);
+        history.sources = Some(uniform);
+        Ok(records)
+    }
+}
+
+/// What one eye's newest frame lends to the other.
+pub(super) struct Other(Kept);
+
+impl History {
+    /// The next frame finds nothing.
+    pub fn forget(&mut self) {
+        if let Some(kept) = self.last.take() {
+            self.spare = Some(kept.buffers);
+        }
+    }
+
+    /// What the other eye may look up.
+    pub fn lend(&self) -> Option<Other> {
+        self.last.clone().map(Other)
+    }
+
+    /// Memory for a frame of so many samples that nothing reads from.
+    fn buffers(&mut self, context: &Context, count: usize) -> Result<Buffers> {
+        let device = |bytes| DeviceBuffer::new(context, bytes).map(|buffer| BufferRef::from(&buffer));
+        match self.spare.take().filter(|spare| spare.histories.size() >= count * HISTORY_BYTES) {
+            Some(spare) => Ok(spare),
+            None => Ok(Buffers {
+                fresh: device(count * size_of::<SampleRecord>())?,
+                records: device(count * size_of::<SampleRecord>())?,
+                histories: device(count * HISTORY_BYTES)?,
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,423 @@
+//! Light carried from frame to frame and from eye to eye, in `f64`: what `kernels/accumulate.wgsl` does.
+
+use glam::{DVec2, DVec3};
+
+use super::reconstruct::nearest;
+use crate::math::view::View;
+
+/// Share of demodulated specular light that counts as brightness.
+pub const SPECULAR_SHARE: f64 = 0.1;
+/// Rate of the mean that follows quickly.
+pub const FAST_RATE: f64 = 0.25;
+/// Standard deviations, and part of the mean, within which the quick and the slow mean may differ.
+pub const DEVIATIONS: f64 = 3.0;
+/// See [`DEVIATIONS`].
+pub const UNNOTICED: f64 = 0.03;
+/// Estimates that a mean needs before a change of light is looked for, which ends it.
+pub const TELLING: f64 = 6.0;
+/// Least agreement of surfaces.
+pub const LEAST_AGREEMENT: f64 = 0.3;
+/// Square of a distance in pixels that counts as none.
+pub const SAME_PLACE: f64 = 0.01;
+
+/// A sample of a frame. Light is demodulated; see [`crate::layout::SampleRecord`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Its pixel.
+    pub at: [u32; 2],
+    /// Diffuse light.
+    pub diffuse: DVec3,
+    /// Specular light.
+    pub specular: DVec3,
+    /// Depth along the view's axis in metres; not above 0 where there is no surface.
+    pub depth: f64,
+    /// Unit normal in world orientation, without normal maps.
+    pub normal: DVec3,
+    /// How much of the sun's disc is seen, 0 to 1, and whether its centre is.
+    pub sun: (f64, bool),
+    /// The surface's perceptual roughness, 0 to 1.
+    pub roughness: f64,
+}
+
+/// What is known of a sample besides its light.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct History {
+    /// Estimates in the mean of the diffuse and of the specular part.
+    pub ages: [f64; 2],
+    /// Mean brightness around the sample over few frames, over many, and its variance.
+    pub fast: f64,
+    /// See `fast`.
+    pub slow: f64,
+    /// See `fast`.
+    pub variance: f64,
+}
+
+/// A frame as later ones look it up.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    /// The view.
+    pub view: View,
+    /// Its samples, with accumulated light where a history stands beside.
+    pub samples: Vec<Sample>,
+    /// One for each sample; empty for another eye's frame, of which only fresh light is taken.
+    pub histories: Vec<History>,
+}
+
+/// How strictly surfaces are kept apart, and for how long light is remembered.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Exponent of the cosine between normals.
+    pub normal_power: f64,
+    /// Sine of the angle at which a point off the plane has lost all but 1/e of its weight.
+    pub plane_tolerance: f64,
+    /// Samples that are nearest to a pixel and looked up.
+    pub k: usize,
+    /// Samples around one that tell whether light has changed.
+    pub neighbours: usize,
+    /// Estimates at most in a mean.
+    pub longest: f64,
+}
+
+/// The samples with the light that was found before, and their histories.
+pub fn accumulate(
+    view: &View,
+    fresh: &[Sample],
+    last: Option<&Kept>,
+    other: Option<&Kept>,
+    settings: &Settings,
+) -> (Vec<Sample>, Vec<History>) {
+    (0..fresh.len()).map(|index| one(view, fresh, index, last, other, settings)).unzip()
+}
+
+fn one(
+    view: &View,
+    fresh: &[Sample],
+    index: usize,
+    last: Option<&Kept>,
+    other: Option<&Kept>,
+    settings: &Settings,
+) -> (Sample, History) {
+    let sample = fresh[index];
+    if !usable(&sample) {
+        return (sample, History::default());
+    }
+    let point = point_of(view, &sample);
+    let lent = other.and_then(|kept| look_across(kept, view, &sample, point, settings));
+    let (lent_light, lent_gloss, lent_weight, lent_gloss_weight) = lent.unwrap_or_default();
+    let value = brightness_around(view, fresh, index, settings);
+    let mut history = History { ages: [0.0; 2], fast: value, slow: value, variance: 0.0 };
+    let mut before = (sample.diffuse, sample.specular, None);
+    if let Some((diffuse, specular, sun, old)) =
+        last.and_then(|kept| look_back(kept, view, &sample, point, settings))
+    {
+        history = followed(&old, value, settings.longest);
+        let offset = last.map_or(DVec3::ZERO, |kept| offset(view, &kept.view));
+        history.ages[1] *= alike_reflection(point, offset, sample.roughness);
+        before = (diffuse, specular, sun);
+    }
+    let ages = [
+        (history.ages[0] + 1.0 + lent_weight).min(settings.longest),
+        (history.ages[1] + 1.0 + lent_gloss_weight).min(settings.longest),
+    ];
+    let light = (sample.diffuse + lent_light * lent_weight) / (1.0 + lent_weight);
+    let gloss = (sample.specular + lent_gloss * lent_gloss_weight) / (1.0 + lent_gloss_weight);
+    let seen = before.2.map_or(sample.sun.0, |sun: f64| sun + (sample.sun.0 - sun) / ages[0]);
+    let mixed = Sample {
+        diffuse: before.0.lerp(light, ((1.0 + lent_weight) / ages[0]).min(1.0)),
+        specular: before.1.lerp(gloss, ((1.0 + lent_gloss_weight) / ages[1]).min(1.0)),
+        sun: (seen, sample.sun.1),
+        ..sample
+    };
+    (mixed, History { ages, ..history })
+}
+
+fn usable(sample: &Sample) -> bool {
+    sample.diffuse.is_finite()
+        && sample.specular.is_finite()
+        && sample.depth.is_finite()
+        && sample.depth > 0.0
+}
+
+/// A sample's surface point relative to the eye, in world orientation.
+fn point_of(view: &View, sample: &Sample) -> DVec3 {
+    let pixel = DVec2::new(f64::from(sample.at[0]) + 0.5, f64::from(sample.at[1]) + 0.5);
+    view.world_from_eye.rotation * view.eye_direction(pixel) * sample.depth
+}
+
+/// `to`'s eye relative to `from`'s.
+fn offset(to: &View, from: &View) -> DVec3 {
+    to.world_from_eye.position - from.world_from_eye.position
+}
+
+fn pixel_width(view: &View) -> f64 {
+    (view.fov.right - view.fov.left) / f64::from(view.width)
+}
+
+/// How well two points agree to lie on one surface: see `kernels/shared/records.wgsl`.
+fn agreement(
+    point: DVec3,
+    normal: DVec3,
+    there: DVec3,
+    other: DVec3,
+    width: f64,
+    settings: &Settings,
+) -> f64 {
+    let (off, tolerance) = (there - point, settings.plane_tolerance);
+    let distance = normal.dot(off);
+    let forgiven = tolerance * tolerance * off.length_squared() + width * width;
+    (settings.normal_power * (normal.dot(other) - 1.0) - distance * distance / forgiven).exp()
+}
+
+fn by_distance(at: [u32; 2], from: DVec2) -> f64 {
+    let off = DVec2::new(f64::from(at[0]), f64::from(at[1])) - from;
+    (off.length_squared() + SAME_PLACE).powi(-2)
+}
+
+fn alike_reflection(point: DVec3, offset: DVec3, roughness: f64) -> f64 {
+    let turned = 2.0 * (point.normalize() - (point + offset).normalize()).length();
+    (-(turned / (roughness * roughness + 0.01)).powi(2)).exp()
+}
+
+/// The samples of a kept frame that lie around a point on its surface: index, agreement and weight of each.
+fn around(
+    kept: &Kept,
+    view: &View,
+    sample: &Sample,
+    point: DVec3,
+    settings: &Settings,
+) -> Vec<(usize, f64, f64)> {
+    let seen = point + offset(view, &kept.view);
+    let Some(at) = kept.view.project(kept.view.world_from_eye.rotation.inverse() * seen) else {
+        return Vec::new();
+    };
+    let size = DVec2::new(f64::from(kept.view.width), f64::from(kept.view.height));
+    if at.cmplt(DVec2::ZERO).any() || at.cmpge(size).any() {
+        return Vec::new();
+    }
+    let positions: Vec<[u32; 2]> = kept.samples.iter().map(|sample| sample.at).collect();
+    let pixel = [at.x as u32, at.y as u32];
+    let width = pixel_width(view) * sample.depth;
+    let weighed = |near: super::reconstruct::Neighbour| {
+        let other = &kept.samples[near.sample];
+        let agree = match usable(other) {
+            true => {
+                agreement(seen, sample.normal, point_of(&kept.view, other), other.normal, width, settings)
+            }
+            false => 0.0,
+        };
+        (near.sample, agree, agree * by_distance(other.at, at - 0.5))
+    };
+    nearest(&positions, pixel, settings.k)
+        .into_iter()
+        .map(weighed)
+        .filter(|(.., weight)| *weight > 0.0)
+        .collect()
+}
+
+fn agreed(found: &[(usize, f64, f64)]) -> f64 {
+    found.iter().map(|(_, agree, _)| *agree).fold(0.0, f64::max)
+}
+
+type Before = (DVec3, DVec3, Option<f64>, History);
+
+fn look_back(kept: &Kept, view: &View, sample: &Sample, point: DVec3, settings: &Settings) -> Option<Before> {
+    let found = around(kept, view, sample, point, settings);
+    if agreed(&found) <= LEAST_AGREEMENT {
+        return None;
+    }
+    let sum: f64 = found.iter().map(|(.., weight)| weight).sum();
+    let mean = |value: &dyn Fn(usize) -> f64| {
+        found.iter().map(|&(index, _, weight)| weight * value(index)).sum::<f64>() / sum
+    };
+    let color = |value: &dyn Fn(usize) -> DVec3| {
+        found.iter().map(|&(index, _, weight)| value(index) * weight).sum::<DVec3>() / sum
+    };
+    let side = |&&(index, ..): &&(usize, f64, f64)| kept.samples[index].sun.1 == sample.sun.1;
+    let side_sum: f64 = found.iter().filter(side).map(|(.., weight)| weight).sum();
+    let sun =
+        found.iter().filter(side).map(|&(index, _, weight)| weight * kept.samples[index].sun.0).sum::<f64>();
+    let history = History {
+        ages: [0, 1].map(|part| mean(&|index| kept.histories[index].ages[part])),
+        fast: mean(&|index| kept.histories[index].fast),
+        slow: mean(&|index| kept.histories[index].slow),
+        variance: mean(&|index| kept.histories[index].variance),
+    };
+    let (diffuse, specular) =
+        (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
+    Some((diffuse, specular, (side_sum > 0.0).then(|| sun / side_sum), history))
+}
+
+/// Diffuse and specular light of the other eye, and what they are worth.
+fn look_across(
+    kept: &Kept,
+    view: &View,
+    sample: &Sample,
+    point: DVec3,
+    settings: &Settings,
+) -> Option<(DVec3, DVec3, f64, f64)> {
+    let found = around(kept, view, sample, point, settings);
+    let agreed = agreed(&found);
+    if agreed <= LEAST_AGREEMENT {
+        return None;
+    }
+    let sum: f64 = found.iter().map(|(.., weight)| weight).sum();
+    let color = |value: &dyn Fn(usize) -> DVec3| {
+        found.iter().map(|&(index, _, weight)| value(index) * weight).sum::<DVec3>() / sum
+    };
+    let alike = alike_reflection(point, offset(view, &kept.view), sample.roughness);
+    let (diffuse, specular) =
+        (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
+    Some((diffuse, specular, agreed, agreed * alike))
+}
+
+fn brightness(sample: &Sample) -> f64 {
+    (sample.diffuse + sample.specular * SPECULAR_SHARE).dot(DVec3::new(0.2126, 0.7152, 0.0722))
+}
+
+fn brightness_around(view: &View, fresh: &[Sample], index: usize, settings: &Settings) -> f64 {
+    let sample = &fresh[index];
+    let (point, width) = (point_of(view, sample), pixel_width(view) * sample.depth);
+    let positions: Vec<[u32; 2]> = fresh.iter().map(|sample| sample.at).collect();
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for near in nearest(&positions, sample.at, settings.neighbours) {
+        let other = &fresh[near.sample];
+        if usable(other) {
+            let there = point_of(view, other);
+            let weight = agreement(point, sample.normal, there, other.normal, width, settings);
+            sum += weight * brightness(other);
+            weights += weight;
+        }
+    }
+    if weights > 0.0 { sum / weights } else { brightness(sample) }
+}
+
+/// The means with one more value; where they tell that light has changed, all estimates begin anew.
+fn followed(last: &History, value: f64, longest: f64) -> History {
+    let rate = 1.0 / (last.ages[0].min(longest) + 1.0);
+    let mix = |from: f64, to: f64, rate: f64| from + (to - from) * rate;
+    let mut history = History {
+        ages: last.ages,
+        fast: mix(last.fast, value, rate.max(FAST_RATE)),
+        slow: mix(last.slow, value, rate),
+        variance: last.variance,
+    };
+    let of_fast = FAST_RATE / (2.0 - FAST_RATE) * last.variance;
+    let limit = DEVIATIONS.powi(2) * of_fast + (UNNOTICED * last.slow).powi(2);
+    if last.ages[0] >= TELLING && (history.fast - history.slow).powi(2) > limit {
+        History { ages: [0.0; 2], fast: value, slow: value, ..history }
+    } else {
+        history.variance = mix(last.variance, (value - last.slow).powi(2), rate);
+        history
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::pose::Pose;
+    use crate::math::view::FieldOfView;
+    use glam::DQuat;
+
+    const SETTINGS: Settings =
+        Settings { normal_power: 16.0, plane_tolerance: 0.25, k: 4, neighbours: 12, longest: 32.0 };
+
+    fn view(position: DVec3, yaw: f64) -> View {
+        let fov = FieldOfView::symmetric(1.0, 1.5);
+        let world_from_eye = Pose::new(DQuat::from_rotation_y(yaw), position);
+        View { world_from_eye, fov, width: 48, height: 32 }
+    }
+
+    /// Samples on the wall z = -4, whose light is `light` of the wall's point.
+    fn wall(view: &View, light: impl Fn(DVec3) -> f64) -> Vec<Sample> {
+        let at = |i: u32| [(i * 7) % view.width, (i * 7 / view.width * 3 + i % 3) % view.height];
+        (0..220)
+            .map(at)
+            .map(|at| {
+                let pixel = DVec2::new(f64::from(at[0]) + 0.5, f64::from(at[1]) + 0.5);
+                let direction = view.world_from_eye.rotation * view.eye_direction(pixel);
+                let depth = (-4.0 - view.world_from_eye.position.z) / direction.z;
+                let place = view.world_from_eye.position + direction * depth;
+                let (diffuse, specular) = (DVec3::splat(light(place)), DVec3::ZERO);
+                Sample { at, diffuse, specular, depth, normal: DVec3::Z, sun: (1.0, true), roughness: 1.0 }
+            })
+            .collect()
+    }
+
+    fn noise(seed: &mut u64) -> f64 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Frames along a path; the last one's samples and histories.
+    fn run(frames: u32, views: impl Fn(u32) -> View, light: impl Fn(u32, DVec3) -> f64) -> Kept {
+        let (mut kept, mut seed): (Option<Kept>, u64) = (None, 7);
+        for frame in 0..frames {
+            let view = views(frame);
+            let mut fresh = wall(&view, |place| light(frame, place));
+            fresh.iter_mut().for_each(|sample| sample.diffuse *= 0.5 + noise(&mut seed));
+            let (samples, histories) = accumulate(&view, &fresh, kept.as_ref(), None, &SETTINGS);
+            kept = Some(Kept { view, samples, histories });
+        }
+        kept.expect("a frame")
+    }
+
+    fn error(kept: &Kept, truth: f64) -> (f64, f64) {
+        let n = kept.samples.len() as f64;
+        let mean = kept.samples.iter().map(|sample| sample.diffuse.x / truth).sum::<f64>() / n;
+        let square =
+            kept.samples.iter().map(|sample| (sample.diffuse.x / truth - 1.0).powi(2)).sum::<f64>() / n;
+        (mean - 1.0, square.sqrt())
+    }
+
+    #[test]
+    fn noise_falls_at_rest_and_in_motion_without_bias() {
+        let (_, alone) = error(&run(1, |_| view(DVec3::ZERO, 0.0), |_, _| 3.0), 3.0);
+        let (bias, rest) = error(&run(40, |_| view(DVec3::ZERO, 0.0), |_, _| 3.0), 3.0);
+        assert!(rest < alone / 4.0 && bias.abs() < 0.02, "{alone} {rest} {bias}");
+        let turning =
+            |frame: u32| view(DVec3::new(0.004 * f64::from(frame), 0.0, 0.0), 0.01 * f64::from(frame));
+        let (bias, moving) = error(&run(30, turning, |_, _| 3.0), 3.0);
+        assert!(moving < alone / 2.0 && bias.abs() < 0.03, "{alone} {moving} {bias}");
+    }
+
+    #[test]
+    fn a_change_of_light_is_followed_within_a_few_frames() {
+        let changed =
+            |frames| run(frames, |_| view(DVec3::ZERO, 0.0), |frame, _| if frame < 40 { 3.0 } else { 1.0 });
+        let (late, _) = error(&changed(46), 1.0);
+        assert!(late < 0.25, "{late} is left after six frames");
+        let kept = changed(41);
+        assert!(
+            kept.histories.iter().filter(|h| h.ages[0] < 8.0).count() > 200,
+            "the change was seen at once"
+        );
+    }
+
+    #[test]
+    fn other_surfaces_lend_nothing() {
+        let here = view(DVec3::ZERO, 0.0);
+        let fresh = wall(&here, |_| 1.0);
+        let mut behind = wall(&here, |_| 9.0);
+        behind.iter_mut().for_each(|sample| sample.depth *= 1.4);
+        let mut turned = wall(&here, |_| 9.0);
+        turned.iter_mut().for_each(|sample| sample.normal = DVec3::X);
+        for samples in [behind, turned] {
+            let histories = vec![History { ages: [9.0; 2], ..History::default() }; samples.len()];
+            let kept = Kept { view: here, samples, histories };
+            let (mixed, found) = accumulate(&here, &fresh, Some(&kept), Some(&kept), &SETTINGS);
+            assert_eq!(mixed, fresh);
+            assert!(found.iter().all(|history| history.ages == [1.0; 2]));
+        }
+    }
+
+    #[test]
+    fn the_other_eye_counts_as_a_second_estimate() {
+        let (left, right) = (view(DVec3::ZERO, 0.0), view(DVec3::new(0.064, 0.0, 0.0), 0.0));
+        let fresh = wall(&right, |_| 1.0);
+        let kept = Kept { view: left, samples: wall(&left, |_| 3.0), histories: Vec::new() };
+        let (mixed, histories) = accumulate(&right, &fresh, None, Some(&kept), &SETTINGS);
+        let shared = mixed.iter().filter(|sample| (sample.diffuse.x - 2.0).abs() < 0.1).count();
+        assert!(shared > 180, "{shared} of {} samples are shared", mixed.len());
+        assert!(histories.iter().filter(|history| history.ages[0] > 1.9).count() >= shared);
+    }
+}
