@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// How bright pictures are shown; linear EXR pictures are not changed by it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ExposureConfig {
-    /// By what is seen, see [`crate::frame::exposure`].
+    /// By what is seen.
     Auto,
     /// By so many stops.
     Stops(f64),

@@ -3,14 +3,12 @@
 //! What is metered is luminance in nits (cd/m²), which glTF's units make of radiance: lights in lux and candela,
 //! emission in nits. Exposure is in stops (EV): radiance times two to their power is what the tone mapper gets.
 
-/// What the mean of what is metered is brought to, before tone mapping. The demo scene at noon is there already.
+/// What the root mean square of what is metered is brought to, before tone mapping. The demo scene at noon is there
+/// already.
 const KEY: f64 = 0.25;
-/// The part of all luminances that is averaged, in the order of their size: neither shadows and black skies, nor
-/// lamps and the sun's reflections, of which there may be any number.
-const AVERAGED: [f64; 2] = [0.5, 0.98];
-/// What is darker than the brightest averaged luminance by more than this factor counts as if it were not:
-/// logarithms of black know no end.
-const CONTRAST: f64 = 64.0;
+/// The part of all luminances, in the order of their size, beyond which they count as the last of it: lamps and the
+/// sun's reflections may be of any brightness.
+const CAPPED: f64 = 0.98;
 
 /// Seconds in which half of a change is followed, when it gets brighter and when it gets darker. Eyes take longer
 /// for the dark, too.
@@ -18,20 +16,16 @@ const HALF_LIVES: [f64; 2] = [0.1, 0.3];
 /// Changes below this many stops are noise of the samples.
 const NOISE: f64 = 0.02;
 
-/// The exposure that shows these luminances well: the mean of the logarithms of the brighter half, without the
-/// very brightest, comes to a middle grey. `None` where all is black. Values that are not finite do not count.
+/// The exposure that shows these luminances well: their root mean square comes to a middle grey. What is bright
+/// counts for more than what is dark, so that things in light are not white before a black sky. `None` where all is
+/// black. Values that are not finite do not count.
 pub fn stops_for(mut luminances: Vec<f32>) -> Option<f64> {
     luminances.retain(|l| l.is_finite() && *l >= 0.0);
     luminances.sort_unstable_by(f32::total_cmp);
-    let place = |share: f64| (share * luminances.len() as f64) as usize;
-    let [first, end] = AVERAGED.map(place);
-    let averaged = luminances.get(first..end.max(first + 1))?;
-    let most = f64::from(*averaged.last()?);
-    if most <= 0.0 {
-        return None;
-    }
-    let logarithm = |&l: &f32| f64::from(l).max(most / CONTRAST).log2();
-    Some(KEY.log2() - averaged.iter().map(logarithm).sum::<f64>() / averaged.len() as f64)
+    let most = f64::from(*luminances.get((CAPPED * luminances.len().saturating_sub(1) as f64) as usize)?);
+    let squares: f64 = luminances.iter().map(|&l| (f64::from(l).min(most) / most).powi(2)).sum();
+    let rms = (squares / luminances.len() as f64).sqrt() * most;
+    (most > 0.0).then(|| (KEY / rms).log2())
 }
 
 /// The exposure of a sequence of frames.
@@ -94,19 +88,19 @@ mod tests {
     }
 
     #[test]
-    fn lamps_and_black_skies_do_not_matter() {
+    fn lamps_do_not_matter_and_black_skies_matter_little() {
         let plain = stops_for(grey(0.3)).unwrap();
         let mut lamp = grey(0.3);
         lamp[98..].fill(1e6);
         assert!((stops_for(lamp).unwrap() - plain).abs() < 1e-6);
         let mut night = grey(0.3);
-        night[..49].fill(0.0);
-        assert!((stops_for(night).unwrap() - plain).abs() < 1e-6);
-        // Nine tenths in the dark: what is lit still leads, within what tone mapping shows.
+        night[..50].fill(0.0);
+        assert!((stops_for(night).unwrap() - plain - 0.5).abs() < 1e-6);
+        // Nine tenths in the dark: what is lit is bright, and not white.
         let mut cellar = grey(0.0);
         cellar[90..].fill(0.3);
-        let stops = stops_for(cellar).unwrap();
-        assert!(stops > plain && stops < plain + CONTRAST.log2(), "{stops}");
+        let shown = 0.3 * stops_for(cellar).unwrap().exp2();
+        assert!(shown > KEY && shown < 0.8, "{shown}");
     }
 
     #[test]

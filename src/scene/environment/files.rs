@@ -254,7 +254,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bad.exr");
         let texel = |x: usize| [f32::NAN, f32::INFINITY, -1.0, 3.0][x];
-        exr::prelude::write_rgb_file(&path, 4, 1, |x, _| (texel(x), 1.0, 2.0)).unwrap();
+        let red = |x, y| if y == 0 { texel(x) } else { 1.0 };
+        exr::prelude::write_rgb_file(&path, 4, 2, |x, y| (red(x, y), 1.0, 2.0)).unwrap();
         let (map, warnings) = load(&path).unwrap();
         assert_eq!(map.texels[..3], [Vec3::new(0.0, 1.0, 2.0); 3]);
         assert_eq!(map.texels[3], Vec3::new(3.0, 1.0, 2.0));
