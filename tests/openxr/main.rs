@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use common::builder::Builder;
 use common::validation;
-use foveate::config::{Config, OperatingPoint, Samples};
+use foveate::config::{Config, Indirect, OperatingPoint, Samples};
 use foveate::frame::{Loaded, Output, Plan, Renderer};
 use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, ContextOptions};
@@ -212,6 +212,7 @@ fn expected(folder: &Path, view: &Value) -> Vec<Option<[f32; 3]>> {
     let device = Device::open(devices.iter().find(|device| device.unusable.is_none()).unwrap()).unwrap();
     let mut config = Config::default();
     config.foveation.samples = Samples::Full;
+    config.trace.indirect = Indirect::Paths;
     let loaded = Loaded::from_file(&folder.join("scene.glb"), &config).unwrap();
     let mut renderer = Renderer::new(&device, &context, &loaded, &config, Output::Display).unwrap().0;
     renderer.frame(&Plan::mono(view), &[], 7).unwrap();
@@ -253,7 +254,8 @@ fn the_wearer_sees_what_is_rendered_from_the_same_eyes() {
     let _headset = window::send(port, eyes, ([0.0, turn.0, 0.0, turn.1], [0.2, 1.55, 0.1]));
 
     let mut client = foveate(folder.path(), "run scene.glb --json --width 960 --height 540");
-    client.args(["--samples", "20000", "--rays", "16"]);
+    // A picture that nothing came before has no light of earlier frames, and its own exposure.
+    client.args(["--samples", "20000", "--rays", "16", "--exposure", "0", "--set", "trace.indirect=paths"]);
     monado.serve(&mut client);
     let child = client.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let start = Instant::now();
