@@ -163,7 +163,7 @@ __kernel void settle_cells(CacheInfo info, __global CacheCell *cells, __global C
             // Samples count half as much after each half-life, which is short at first: what was brought before the
             // surroundings were lit must not count for long.
             c.born = c.samples > 0.0f ? c.born : info.frame;
-            float half_life = clamp((float)(info.frame - c.born) * 0.25f, 1.0f, info.half_life);
+            float half_life = clamp((float)(info.frame - c.born) * 0.1f, 1.0f, info.half_life);
             float before = c.samples * exp2(-age / half_life), all = before + (float)sum.count, share = before / all;
             c.radiance[0] = c.radiance[0] * share + sum_of(sums[cell].red, info.scale) / all;
             c.radiance[1] = c.radiance[1] * share + sum_of(sums[cell].green, info.scale) / all;

@@ -37,7 +37,7 @@ pub struct Args {
 }
 
 /// Steps of the cache of light before a picture: as many as frames take until a new view is lit.
-const LIGHT_STEPS: u64 = 60;
+const LIGHT_STEPS: u64 = 96;
 
 #[derive(Clone, Copy, PartialEq)]
 enum FileKind {

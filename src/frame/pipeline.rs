@@ -67,6 +67,10 @@ pub struct FrameReport {
     pub devices: Vec<DeviceShare>,
 }
 
+/// The cache of light makes three steps for each view until it has made so many: light reaches what only many bounces
+/// light within half a second.
+const EARLY_STEPS: u64 = 96;
+
 /// Everything that is needed to turn poses into pictures.
 pub struct Renderer {
     crew: Crew,
@@ -309,7 +313,7 @@ impl Renderer {
         let traced = &self.views[index];
         // Averages of many pictures are meant to be exact.
         let cached = self.settings.cached && !self.settings.jitter;
-        self.light += self.light_steps;
+        self.light += if self.light < EARLY_STEPS { self.light_steps.max(3) } else { self.light_steps };
         self.light_steps = 1;
         let job = Job {
             index,
@@ -483,7 +487,7 @@ impl Renderer {
         &mut self.meter
     }
 
-    /// The next view is traced with a cache of light that has made so many steps for it (64 at most), and not one: for a
+    /// The next view is traced with a cache of light that has made so many steps for it (96 at most), and not one: for a
     /// picture that none came before.
     pub fn light_ahead(&mut self, steps: u64) {
         self.light_steps = steps;

@@ -13,7 +13,7 @@ use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 
 /// Steps of the cache of light that a device makes up for at most.
-const MISSED_STEPS: u64 = 64;
+const MISSED_STEPS: u64 = 96;
 
 /// A view to trace, the same for all devices.
 #[derive(Clone)]
