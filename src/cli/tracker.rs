@@ -6,7 +6,7 @@ mod view;
 use super::options::Overrides;
 use crate::config::{Dk1Config, Layers};
 use crate::error::{Error, Result};
-use crate::headset::rift_dk1::device::{Received, Status, Tracker};
+use crate::headset::rift_dk1::device::{RECORDED_AHEAD, Received, Status, Tracker};
 use crate::headset::rift_dk1::fusion::{Fusion, Keepsake};
 use crate::headset::rift_dk1::recording::{Reader, Writer};
 use crate::headset::rift_dk1::report::SensorReport;
@@ -85,6 +85,7 @@ fn replay(args: &Args, path: &Path, out: &mut dyn Write) -> Result<()> {
             host: entry.host,
             update,
             orientation: fusion.orientation(),
+            predicted: fusion.predicted(RECORDED_AHEAD),
             angular_velocity: fusion.angular_velocity(),
             yaw_source: fusion.yaw_source(),
         };
@@ -200,6 +201,7 @@ fn print_lines(reports: &[Received], device_time: &mut f64, out: &mut dyn Write)
             host: Some(report.host),
             update: report.update,
             orientation: report.orientation,
+            predicted: report.predicted,
             angular_velocity: report.angular_velocity,
             yaw_source: report.yaw_source,
         };
@@ -267,5 +269,6 @@ mod tests {
         assert_eq!(lines[1]["flags"], serde_json::json!(["malformed"]));
         assert_eq!(lines[2]["device_time_s"], 65.538);
         assert_eq!(lines[2]["orientation"], serde_json::json!([1.0, 0.0, 0.0, 0.0]));
+        assert_eq!(lines[2]["predicted_40ms"], serde_json::json!([1.0, 0.0, 0.0, 0.0]));
     }
 }

@@ -5,6 +5,8 @@
 //! prints the table and fails if a figure is missed; that of docs/tracking.md is of six units
 //! (FOVEATE_TRACKING_SEEDS=1-6).
 
+mod family;
+mod gaps;
 mod rivals;
 mod score;
 
@@ -29,6 +31,7 @@ struct Course {
     faults: fn(f64) -> Faults,
     magnetometer: bool,
     auto_zero: bool,
+    unit: fn(u64) -> Unit,
     scored_from: f64,
 }
 
@@ -39,6 +42,7 @@ const EVERYDAY: Course = Course {
     faults: |_| Faults::none(),
     magnetometer: true,
     auto_zero: false,
+    unit: Unit::real,
     scored_from: 10.0,
 };
 
@@ -54,7 +58,7 @@ fn seeds() -> RangeInclusive<u64> {
 fn run(course: &Course) -> Contest {
     let mut contest = Contest::default();
     for seed in seeds() {
-        let unit = Unit { auto_zero: course.auto_zero, ..Unit::real(seed) };
+        let unit = Unit { auto_zero: course.auto_zero, ..(course.unit)(seed) };
         let seconds = course.seconds;
         let motion = (course.motion)(seed, seconds);
         let (surroundings, faults) = ((course.surroundings)(seed, seconds), (course.faults)(seconds));

@@ -16,6 +16,8 @@ pub struct Line {
     pub update: Result<Update, ReportError>,
     /// Body to world.
     pub orientation: DQuat,
+    /// Where the head will be 0.04 s later, body to world.
+    pub predicted: DQuat,
     /// rad/s, body frame.
     pub angular_velocity: DVec3,
     /// What corrects yaw.
@@ -31,6 +33,8 @@ struct Json {
     host_time_s: Option<f64>,
     /// w, x, y, z; body to world.
     orientation: [f64; 4],
+    /// The same, 0.04 s later, as it is predicted.
+    predicted_40ms: [f64; 4],
     angular_velocity: [f64; 3],
     /// Milliseconds of samples that are missing before the report.
     lost_ms: u64,
@@ -53,11 +57,12 @@ impl Line {
 
     /// Writes the line; `before` is the device time of the line before it.
     pub fn write(&self, before: f64, out: &mut dyn Write) -> std::io::Result<()> {
-        let q = self.orientation;
+        let numbers = |q: DQuat| [q.w, q.x, q.y, q.z];
         let json = Json {
             device_time_s: self.device_time().unwrap_or(before),
             host_time_s: self.host,
-            orientation: [q.w, q.x, q.y, q.z],
+            orientation: numbers(self.orientation),
+            predicted_40ms: numbers(self.predicted),
             angular_velocity: self.angular_velocity.to_array(),
             lost_ms: self.lost(),
             flags: self.flags(),

@@ -118,11 +118,16 @@ pub struct Received {
     pub update: std::result::Result<Update, ReportError>,
     /// The orientation after it, body to world.
     pub orientation: DQuat,
+    /// The same as it is predicted for [`RECORDED_AHEAD`] seconds later.
+    pub predicted: DQuat,
     /// The corrected angular velocity, rad/s, body frame.
     pub angular_velocity: DVec3,
     /// What corrects yaw.
     pub yaw_source: YawSource,
 }
+
+/// Seconds by which [`Received`] predicts: about what a frame takes from the tracker to the eye.
+pub const RECORDED_AHEAD: f64 = 0.04;
 
 /// Is called for every report, on the reader's thread, which must not wait.
 pub type Listener = Box<dyn FnMut(&Received) + Send>;
@@ -436,10 +441,11 @@ impl Reader {
             Err(_) => state.malformed += 1,
         }
         let (orientation, angular_velocity) = (state.fusion.orientation(), state.fusion.angular_velocity());
+        let predicted = state.fusion.predicted(RECORDED_AHEAD);
         let yaw_source = state.fusion.yaw_source();
         drop(guard);
         if let (Some(listener), Some(&bytes)) = (&mut self.listener, bytes.first_chunk()) {
-            listener(&Received { host, bytes, update, orientation, angular_velocity, yaw_source });
+            listener(&Received { host, bytes, update, orientation, predicted, angular_velocity, yaw_source });
         }
     }
 }

@@ -5,6 +5,7 @@ mod bias;
 mod calibration;
 mod magnetometer;
 mod predict;
+mod spread;
 mod state;
 mod tilt;
 mod tuning;
@@ -24,6 +25,7 @@ use glam::{DQuat, DVec3};
 use magnetometer::Magnetometer;
 use predict::Predictor;
 use serde::{Deserialize, Serialize};
+use spread::Spread;
 use state::State;
 use tilt::Tilt;
 use yaw::Yaw;
@@ -62,6 +64,7 @@ pub struct Fusion {
     magnetometer: Magnetometer,
     yaw: Yaw,
     predictor: Predictor,
+    spread: Spread,
     /// The newest measured rate, before any correction.
     measured: DVec3,
     forward: DQuat,
@@ -81,6 +84,7 @@ impl Default for Fusion {
             magnetometer: Magnetometer::default(),
             yaw: Yaw::default(),
             predictor: Predictor::default(),
+            spread: Spread::default(),
             measured: DVec3::ZERO,
             forward: DQuat::IDENTITY,
             tilt_windows: 0,
@@ -155,9 +159,10 @@ impl Fusion {
         self.forward = DQuat::from_rotation_y(-heading(self.state.world_from_body));
     }
 
-    /// The orientation at the newest sample, body to world; a unit quaternion.
+    /// The orientation at the newest sample, body to world; a unit quaternion. What a gap has left wrong is put right
+    /// over [`spread::LENGTH`] seconds and not at once.
     pub fn orientation(&self) -> DQuat {
-        self.forward * self.state.world_from_body
+        self.forward * self.spread.offset() * self.state.world_from_body
     }
 
     /// The orientation `seconds` after the newest sample; at most [`LONGEST_PREDICTION`].
@@ -237,7 +242,11 @@ impl Fusion {
         self.measured = rate;
         self.state.integrate(rate, 0.5 * seconds);
         let corrected = self.state.corrected(rate);
-        if self.tilt.add(&mut self.state, force, corrected, seconds) {
+        let before = self.state.world_from_body;
+        self.spread.pass(seconds);
+        let levelled = self.tilt.add(&mut self.state, force, corrected, seconds);
+        self.spread.correct(before, self.state.world_from_body);
+        if levelled {
             self.tilt_windows = self.tilt_windows.saturating_add(1);
         }
         self.state.integrate(rate, 0.5 * seconds);
@@ -261,6 +270,7 @@ impl Fusion {
         self.stillness.witness(report.magnetic_field());
         if let Some(block) = self.magnetometer.add(report.magnetic_field(), orientation, rate, seconds) {
             self.yaw.add(&mut self.state, &block, self.tilt_windows >= SETTLED);
+            self.spread.correct(orientation, self.state.world_from_body);
         }
     }
 }

@@ -14,7 +14,7 @@ use super::tuning;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Number of estimated quantities.
-pub const SIZE: usize = 31;
+pub const SIZE: usize = 34;
 /// First index of the orientation's error (world frame, rad).
 pub const TURN: usize = 0;
 /// First index of the gyroscope's zero (rad/s).
@@ -29,6 +29,8 @@ pub const HARD: usize = 18;
 pub const SOFT: usize = 21;
 /// Index of the share of the shifts that are expected of the gyroscope's zero and really happen.
 pub const SHARE: usize = 30;
+/// First index of the steady change of the gyroscope's zero (rad/s^2), as by warming up.
+pub const RAMP: usize = 31;
 
 /// A number for each estimated quantity.
 pub type Row = [f64; SIZE];
@@ -40,6 +42,8 @@ pub struct State {
     pub world_from_body: DQuat,
     /// Gyroscope zero in rad/s, body frame.
     pub bias: DVec3,
+    /// The steady change of that zero in rad/s^2.
+    pub ramp: DVec3,
     /// Gyroscope gain error: the true rate is `rate - bias - gain * rate`.
     pub gain: DMat3,
     /// Magnetic field in gauss, world frame.
@@ -65,6 +69,7 @@ impl State {
         let mut state = State {
             world_from_body: DQuat::IDENTITY,
             bias: DVec3::ZERO,
+            ramp: DVec3::ZERO,
             gain: DMat3::ZERO,
             field: DVec3::ZERO,
             hard: DVec3::ZERO,
@@ -80,6 +85,7 @@ impl State {
             let tilt = if axis == 1 { 1e-4 } else { tuning::TILT_PRIOR };
             state.set_variance(TURN + axis, tilt * tilt);
             state.set_variance(BIAS + axis, tuning::BIAS_PRIOR.powi(2));
+            state.set_variance(RAMP + axis, tuning::RAMP_PRIOR.powi(2));
         }
         state.set_variance(SHARE, tuning::SHARE_PRIOR.powi(2));
         for entry in 0..9 {
@@ -168,16 +174,35 @@ impl State {
             }
         }
         self.carry(&transition);
+        self.carry_ramp();
         let bias_walk = tuning::BIAS_WALK.powi(2) * self.elapsed;
+        let ramp_walk = tuning::RAMP_WALK.powi(2) * self.elapsed;
         let iron_walk = tuning::IRON_WALK.powi(2) * self.elapsed;
         for axis in 0..3 {
             self.covariance[TURN + axis][TURN + axis] += self.wander;
             self.covariance[BIAS + axis][BIAS + axis] += bias_walk;
             self.covariance[HARD + axis][HARD + axis] += iron_walk;
+            self.covariance[RAMP + axis][RAMP + axis] += ramp_walk;
         }
         self.turned = DMat3::ZERO;
         self.turned_by_rate = [DMat3::ZERO; 3];
         (self.wander, self.elapsed) = (0.0, 0.0);
+    }
+
+    /// The zero changes by its ramp.
+    fn carry_ramp(&mut self) {
+        let seconds = self.elapsed;
+        self.bias += self.ramp * seconds;
+        for axis in 0..3 {
+            let source = self.covariance[RAMP + axis];
+            let row = &mut self.covariance[BIAS + axis];
+            row.iter_mut().zip(source).for_each(|(entry, ramp)| *entry += seconds * ramp);
+        }
+        for line in self.covariance.iter_mut() {
+            for axis in 0..3 {
+                line[BIAS + axis] += seconds * line[RAMP + axis];
+            }
+        }
     }
 
     /// P <- F P F^T where F is the identity but for the orientation's rows.
@@ -281,6 +306,8 @@ impl State {
         self.field += vector(FIELD);
         self.hard += vector(HARD);
         self.soft += matrix(SOFT);
+        let ramp_limit = DVec3::splat(tuning::RAMP_LIMIT);
+        self.ramp = (self.ramp + vector(RAMP)).clamp(-ramp_limit, ramp_limit);
         self.share = (self.share + correction[SHARE]).clamp(0.0, 1.0);
     }
 }

@@ -28,6 +28,9 @@ const AFTER_CLIPPING: u32 = 2;
 const SURPRISE: f64 = 4.0;
 const SURPRISES: u32 = 5;
 
+/// Errors in rad from which an angle and its sine differ by more than a window's noise.
+const LARGE: f64 = 0.1;
+
 /// Gathers specific force into windows.
 #[derive(Clone, Debug, Default)]
 pub struct Tilt {
@@ -121,8 +124,13 @@ impl Tilt {
     }
 }
 
-/// With q_true = exp(e) q the force that q takes to the world is g (0, 1, 0) - e x g (0, 1, 0).
+/// With q_true = exp(e) q the force that q takes to the world is g (0, 1, 0) - e x g (0, 1, 0). That is so for small
+/// errors; of a large one, as after a gap, the angle counts and not its sine, so that one window levels it.
 fn gravity_update(state: &mut State, mean: DVec3, variance: f64) {
+    let angle = mean.angle_between(DVec3::Y);
+    let across = mean.x.hypot(mean.z);
+    let stretch = if angle > LARGE && across > 0.0 { tuning::GRAVITY * angle / across } else { 1.0 };
+    let mean = mean * stretch;
     let mut about_z = [0.0; SIZE];
     about_z[TURN + 2] = tuning::GRAVITY;
     let mut about_x = [0.0; SIZE];

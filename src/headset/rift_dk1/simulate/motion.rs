@@ -44,6 +44,8 @@ pub struct HeadMotion {
     knocks: Vec<(f64, DVec3)>,
     /// 1 for a worn headset; 0 lies on a table.
     sway: f64,
+    /// The greatest acceleration of a vehicle around the wearer, m/s^2.
+    vehicle: f64,
     /// Seconds on the table before all of it begins.
     delay: f64,
 }
@@ -87,6 +89,11 @@ impl HeadMotion {
         motion
     }
 
+    /// The same in a vehicle that speeds up, brakes and sways with up to `acceleration` m/s^2.
+    pub fn in_a_vehicle(self, acceleration: f64) -> Self {
+        HeadMotion { vehicle: acceleration, ..self }
+    }
+
     /// The same after `seconds` on a table.
     pub fn after_rest(self, seconds: f64) -> Self {
         HeadMotion { delay: seconds, ..self }
@@ -125,7 +132,7 @@ impl HeadMotion {
             angles += peak.normalize() * 0.01 * (1.0 - phase.cos());
         }
         let rotation = DQuat::from_euler(EulerRot::YXZ, angles.x, angles.y, angles.z);
-        Pose { rotation, position: base + rotation * LEVER }
+        Pose { rotation, position: base + rotation * LEVER + self.vehicle * vehicle(time) }
     }
 
     /// What a knock adds to the specific force, m/s^2, body frame.
@@ -164,6 +171,15 @@ fn sway_angles(time: f64) -> DVec3 {
     let slow = DVec3::new(0.4 * wave(0.23, 0.3), 0.3 * wave(0.31, 1.1), 0.2 * wave(0.17, 2.0));
     let tremor = DVec3::new(0.02 * wave(4.7, 0.0), 0.03 * wave(5.3, 1.0), 0.02 * wave(6.1, 2.0));
     (slow + tremor) * 1_f64.to_radians()
+}
+
+/// Where a vehicle is whose acceleration is at most 1 m/s^2, in metres from its mean: speed along two axes and sway.
+fn vehicle(time: f64) -> DVec3 {
+    let wave = |hertz: f64, phase: f64, share: f64| {
+        let rate = std::f64::consts::TAU * hertz;
+        share * ((rate * time + phase).sin() - phase.sin()) / (rate * rate)
+    };
+    DVec3::new(wave(0.31, 0.4, 0.4), wave(0.9, 1.3, 0.2), wave(0.12, 0.0, 0.5) + wave(0.43, 2.1, 0.3))
 }
 
 /// The neck's pivot of a seated body, in metres.
