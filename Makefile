@@ -37,6 +37,13 @@ accuracy: ## Measure each stage of the kernels against double precision, and wha
 	scripts/install-packages.sh test
 	cargo test --test kernels -- --include-ignored --nocapture --test-threads=1 every_stage accuracy_
 
+.PHONY: test-opencl
+test-opencl: ## Kernels and frames on other OpenCL compilers, unpacked aside: rusticl with and without doubles, Intel's; ARGS=frames leaves kernel tests out
+	@$(need_cargo)
+	scripts/install-packages.sh demo
+	cargo build
+	scripts/test-opencl.sh $(ARGS)
+
 test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
 	@$(need_cargo)
 	scripts/install-packages.sh remote

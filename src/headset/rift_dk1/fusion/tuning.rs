@@ -10,9 +10,9 @@ pub const GRAVITY: f64 = 9.806_65;
 pub const TILT_PRIOR: f64 = 0.1;
 /// Doubt about the gyroscope's zero at the start, rad/s: one degree a second.
 pub const BIAS_PRIOR: f64 = 0.0175;
-/// Doubt about the steady change of the zero, rad/s^2: some of the fastest warming, 0.03 rad/s in ten minutes; its
-/// walk in rad/s^2 per square root of a second; and the greatest change that is believed.
-pub const RAMP_PRIOR: f64 = 2e-5;
+/// Doubt about the steady change of the zero, rad/s^2: five times a usual unit's, a sixth of the fastest warming's,
+/// which is found all the same; more would let yaw drift while the field is disturbed. Its walk in rad/s^2 per square root of a second; and the greatest change that is believed.
+pub const RAMP_PRIOR: f64 = 8e-6;
 pub const RAMP_WALK: f64 = 5e-7;
 pub const RAMP_LIMIT: f64 = 2e-4;
 /// Doubt about a zero that an earlier run found, rad/s: a tenth of a degree a second.
