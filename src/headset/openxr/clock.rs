@@ -122,19 +122,20 @@ impl FrameClock {
     fn count(&mut self, time: i64, lead: i64) {
         let same_clock = self.lead.is_some_and(|usual| self.within(lead.abs_diff(usual) as i64));
         if let Some((last, after)) = self.counted.filter(|_| same_clock) {
-            let periods = (time - last + self.step() / 2) / self.step();
-            self.dropped += (periods - 1 - after).max(0) as u64;
+            let periods = time.saturating_sub(last).saturating_add(self.step() / 2) / self.step();
+            self.dropped += periods.saturating_sub(1 + after).max(0) as u64;
         }
         self.counted = Some((time, 0));
-    }
-
-    fn step(&self) -> i64 {
-        self.period.unwrap_or(USUAL_PERIOD)
     }
 
     /// Nanoseconds between pictures, once the runtime has told a believable number.
     pub fn period(&self) -> Option<i64> {
         self.period
+    }
+
+    /// The same, or what is usual as long as it is unknown.
+    pub fn step(&self) -> i64 {
+        self.period.unwrap_or(USUAL_PERIOD)
     }
 
     /// A reading of the steady clock as a time of the display's. A clock that is not the display's own is
