@@ -510,7 +510,11 @@ fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> 
     let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?);
     let walking = |device: &Device| {
         let choice = config.trace.walk.on(device);
-        (device.clone(), choice.for_frames(device, &data.features, data.depth))
+        // What does not fit says so when it is opened; no kernel is to blame.
+        let fits = data.check_fit(device, choice.walks).is_ok();
+        let walks =
+            if fits { choice.for_frames(device, &data.features, data.depth) } else { Ok(choice.walks) };
+        (device.clone(), walks)
     };
     Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
 }
