@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long accuracy test-remote test-hid bench bench-fleet trade gpu-check-bundle lint install-udev
+.PHONY: help demo test test-long accuracy test-remote test-hid bench bench-fleet trade gpu-check-bundle lint install-udev uninstall
 
 # rustup installs here, and not every shell has it in its path; udevadm hides in sbin.
 export PATH := $(PATH):$(HOME)/.cargo/bin:/usr/sbin:/sbin
@@ -21,6 +21,9 @@ demo: ## Install what it needs, build, and run the demo; ARGS="--json" passes ar
 	scripts/install-packages.sh demo
 	cargo build --release
 	./target/release/foveate demo $(ARGS)
+
+uninstall: ## Undo what demo, test and the others have installed or unpacked
+	scripts/uninstall.sh
 
 test: ## Install what the tests need and run all of them; ARGS="--test foveation" chooses
 	@$(need_cargo)
@@ -81,6 +84,11 @@ trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few m
 	scripts/install-packages.sh demo
 	cargo build --release
 	scripts/measure-trade.sh $(ARGS)
+
+.PHONY: windows-check
+windows-check: ## Check that the program compiles for Windows (needs that target's std)
+	@$(need_cargo)
+	scripts/windows-check.sh
 
 lint: ## Check format and lints (needs the rustfmt and clippy components)
 	@$(need_cargo)

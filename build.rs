@@ -1,4 +1,5 @@
-//! Translates the presenting shaders, `kernels/*.wgsl`, to SPIR-V.
+//! Translates the presenting shaders, `kernels/*.wgsl`, to SPIR-V, tells the linker of unpacked drivers, and the program what
+//! it was built from.
 //!
 //! Two directives, each a line of its own, stand in for a preprocessor:
 //! - `//#include shared/NAME.wgsl` is replaced by that file;
@@ -11,7 +12,13 @@ use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
+include!("build/drivers.rs");
+include!("build/version.rs");
+
 fn main() {
+    link_with_unpacked_drivers(".");
+    tell_version();
+    println!("cargo:rerun-if-changed=build");
     println!("cargo:rerun-if-changed=kernels");
     println!("cargo:rerun-if-changed=build.rs");
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));

@@ -1,132 +1,125 @@
 #!/usr/bin/env bash
-# Installs the system packages that foveate needs on Debian and Ubuntu:
-#   scripts/install-packages.sh demo    OpenCL and Vulkan on the CPU (PoCL, lavapipe), and keyboards of windows
+# Makes ready what foveate needs beside Rust, on Debian and Ubuntu:
+#   scripts/install-packages.sh demo    OpenCL and Vulkan where no driver works (PoCL, lavapipe), and keyboards of windows
 #   scripts/install-packages.sh test    the same, and what the tests start
 #   scripts/install-packages.sh bench   the same as demo, and what benchmarks compare with (Embree 4, a C++ compiler)
 #   scripts/install-packages.sh remote  the same as demo, and what PoCL's network driver is built with
 #   scripts/install-packages.sh hid     the virtual machine of scripts/test-hid.sh
-# Does nothing when all of them are there; uses sudo where it is not run by root.
+# Packages come from this release's own archive. What is too old there is not installed: Debian 13's is unpacked
+# into a folder of this user's, for this program alone (scripts/unpack-drivers.sh). Does nothing when all is there;
+# uses sudo where packages are to be installed and it is not run by root. `make uninstall` undoes it.
 set -euo pipefail
+cd "$(dirname "$0")/.."
+. scripts/places.sh
 
-demo=(pocl-opencl-icd ocl-icd-libopencl1 mesa-vulkan-drivers libvulkan1 libxkbcommon0 libxkbcommon-x11-0)
-test=("${demo[@]}" vulkan-validationlayers libopenxr-loader1 openxr-layer-corevalidation xvfb x11-apps)
+say() { echo "install-packages: $*"; }
+fail() { echo "install-packages: $*" >&2; exit 1; }
+
+loaders=(ocl-icd-libopencl1 libvulkan1)
+demo=("${loaders[@]}" libxkbcommon0 libxkbcommon-x11-0)
+test=("${demo[@]}" vulkan-validationlayers xvfb x11-apps)
 hid=(qemu-system-x86 binutils xz-utils)
 # The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.
 { . /etc/os-release; } 2>/dev/null || true
 [[ "${ID:-}" == ubuntu ]] || test+=(chromium)
-bench=("${demo[@]}" libembree-dev g++)
 remote=("${demo[@]}" cmake git g++ make patch pkg-config ocl-icd-dev ocl-icd-opencl-dev clinfo)
-# An OpenXR runtime with a simulated headset: its service, and what it loads into programs.
-monado=(monado-service libopenxr1-monado)
-# Where it goes on Debian 12, which has none.
-monado_folder=/usr/local/lib/foveate-monado
-# What the program, its tests and its benchmarks need newer than Debian 12 has it, and from which version on.
-declare -A floors=([pocl-opencl-icd]=6 [mesa-vulkan-drivers]=25 [libopenxr-loader1]=1.1 [openxr-layer-corevalidation]=1.1 [libembree-dev]=4)
+# What has to be this new, and is unpacked where the release has it older or not at all.
+declare -A floors=([pocl-opencl-icd]=6 [mesa-vulkan-drivers]=25 [libopenxr-loader1]=1.1
+  [openxr-layer-corevalidation]=1.1 [monado-service]=25 [libopenxr1-monado]=25 [libembree-dev]=4)
 
+drivers=yes new=()
 case "${1:-demo}" in
-  demo) wanted=("${demo[@]}"); monado=() ;;
-  test) wanted=("${test[@]}") ;;
-  bench) wanted=("${bench[@]}"); monado=() ;;
-  remote) wanted=("${remote[@]}"); monado=() ;;
-  hid) wanted=("${hid[@]}"); monado=() ;;
+  demo) wanted=("${demo[@]}") ;;
+  # An OpenXR runtime with a simulated headset: its service, and what it loads into programs.
+  test) wanted=("${test[@]}") new=(libopenxr-loader1 openxr-layer-corevalidation monado-service libopenxr1-monado) ;;
+  bench) wanted=("${demo[@]}" g++) new=(libembree-dev) ;;
+  remote) wanted=("${remote[@]}") ;;
+  hid) wanted=("${hid[@]}") drivers=no ;;
   *) echo "usage: $0 [demo|test|bench|remote|hid]" >&2; exit 2 ;;
 esac
 
 if ! command -v apt-get >/dev/null; then
-  echo "install-packages: this is not Debian or Ubuntu; install an OpenCL and a Vulkan driver yourself (for the CPU: PoCL and Mesa's lavapipe)." >&2
+  say "this is not Debian or Ubuntu; install an OpenCL and a Vulkan driver yourself (for the CPU: PoCL and Mesa's lavapipe)." >&2
   exit 0
 fi
 
-trixie_list=/etc/apt/sources.list.d/foveate-trixie.list
-# Once it has a few packages of Debian 13, Debian 12 calls itself so.
-old_debian=no
-if [[ "${ID:-}" == debian && "${VERSION_ID:-99}" -lt 13 || -e "$trixie_list" ]]; then
-  old_debian=yes
-  # What Monado's part in programs links, which the system must have.
-  [[ ${#monado[@]} -eq 0 ]] || wanted+=(libcjson1)
-else
-  wanted+=("${monado[@]}")
-fi
-
-version() { { dpkg-query -W -f '${db:Status-Status} ${Version}' "$1" 2>/dev/null || true; } | sed -n 's/^installed //p'; }
-
-missing=() newer=()
-for package in "${wanted[@]}"; do
-  have=$(version "$package")
-  if [[ $old_debian == yes && -n "${floors[$package]:-}" ]]; then
-    if [[ -z "$have" ]] || dpkg --compare-versions "${have#*:}" lt "${floors[$package]}"; then newer+=("$package"); fi
-  elif [[ -z "$have" ]]; then
-    missing+=("$package")
-  fi
-done
-unpack=no
-[[ $old_debian == yes && ${#monado[@]} -gt 0 && ! -e "$monado_folder/complete" ]] && unpack=yes
-
-[[ ${#missing[@]} -eq 0 && ${#newer[@]} -eq 0 && $unpack == no ]] && exit 0
-
 as_root() {
   if [[ $EUID -eq 0 ]]; then "$@"; return; fi
-  if ! command -v sudo >/dev/null; then
-    echo "install-packages: run this as root (there is no sudo): $*" >&2; exit 1
-  fi
+  command -v sudo >/dev/null || fail "run this as root (there is no sudo): $*"
   sudo "$@"
 }
 
-# Adds Debian 13 at a priority at which nothing is upgraded by itself.
-add_trixie() {
-  [[ -e "$trixie_list" ]] && return
-  # The mirror that this machine already uses for its own release serves the newer one too.
-  mirror=$(apt-get indextargets --format '$(REPO_URI) $(RELEASE) $(COMPONENT)' \
-    | awk -v release="${VERSION_CODENAME}" '$2 == release && $3 == "main" { print $1; exit }')
-  if [[ -z "$mirror" ]]; then
-    echo "install-packages: no Debian mirror is configured on this machine; add one to /etc/apt/sources.list" >&2; exit 1
-  fi
-  echo "install-packages: Debian ${VERSION_ID} is older than these drivers need; adding Debian 13 (trixie) at pin priority 100,"
-  echo "install-packages: so that nothing else is upgraded ($trixie_list)."
-  echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror trixie main" \
-    | as_root tee "$trixie_list" >/dev/null
-  printf 'Package: *\nPin: release n=trixie\nPin-Priority: 100\n' \
-    | as_root tee /etc/apt/preferences.d/foveate-trixie >/dev/null
+version() { { dpkg-query -W -f '${db:Status-Status} ${Version}' "$1" 2>/dev/null || true; } | sed -n 's/^installed //p'; }
+# Epochs say nothing of what is inside.
+at_least() { [[ -n $1 && $1 != "(none)" ]] && dpkg --compare-versions "${1#*:}" ge "$2"; }
+
+updated=no
+update() {
+  [[ $updated == yes ]] && return
+  updated=yes
+  as_root apt-get update -qq || fail "the lists of packages cannot be fetched; see what apt-get says above"
 }
 
-# Unpacks Monado with all libraries that it needs into a folder of its own: installed, they would
-# replace half of Debian 12. What the system has in the same version is left out.
-unpack_monado() {
-  local work uri file package file_version
-  work=$(mktemp -d)
-  : > "$work/status"
-  apt-get install --print-uris -qq -y -t trixie --no-install-recommends \
-    -o Dir::State::status="$work/status" "${monado[@]}" | tr -d "'" > "$work/packages"
-  mkdir "$work/debs"
-  while read -r uri file _; do
-    package=${file%%_*}
-    file_version=$(cut -d_ -f2 <<<"$file" | sed 's/%3a/:/')
-    [[ "$(version "$package")" == "$file_version" ]] || echo "$package=$file_version"
-  done < "$work/packages" > "$work/names"
-  (cd "$work/debs" && xargs apt-get download -qq -t trixie < "$work/names")
-  as_root rm -rf "$monado_folder"
-  as_root mkdir -p "$monado_folder"
-  for file in "$work"/debs/*.deb; do as_root dpkg-deb -x "$file" "$monado_folder"; done
-  local libraries="$monado_folder/usr/lib/x86_64-linux-gnu"
-  libraries+=":$monado_folder/usr/lib:$libraries/blas:$libraries/lapack:$libraries/pulseaudio"
-  printf '#!/bin/sh\nLD_LIBRARY_PATH=%s exec %s/usr/bin/monado-service "$@"\n' "$libraries" "$monado_folder" \
-    | as_root tee /usr/local/bin/monado-service >/dev/null
-  as_root chmod +x /usr/local/bin/monado-service
-  as_root mkdir -p /usr/share/openxr/1
-  sed "s|libopenxr_monado.so|$monado_folder/usr/lib/x86_64-linux-gnu/&|" \
-    "$monado_folder/usr/share/openxr/1/openxr_monado.json" | as_root tee /usr/share/openxr/1/openxr_monado.json >/dev/null
-  as_root touch "$monado_folder/complete"
-  rm -rf "$work"
+# Installs packages of this release, and notes which are new for `make uninstall`.
+install_own() {
+  [[ $# -gt 0 ]] || return 0
+  update
+  local plan fresh newer uris
+  export DEBIAN_FRONTEND=noninteractive
+  plan=$(apt-get -s -qq install --no-remove --no-install-recommends "$@") ||
+    fail "$* cannot be installed without removing other packages; see: apt-get -s install $*"
+  fresh=$(awk '/^Inst/ && $3 !~ /^\[/ { print $2 }' <<<"$plan")
+  newer=$(awk '/^Inst/ && $3 ~ /^\[/ { print $2 }' <<<"$plan" | tr '\n' ' ')
+  uris=$(apt-get -qq -y --print-uris install --no-install-recommends "$@")
+  say "installing $* from this release: $(wc -w <<<"$fresh") packages, $(awk '{ bytes += $3 } END { printf "%.0f", bytes / 1e6 }' <<<"$uris") MB to download"
+  [[ -z $newer ]] || say "these depend on updates of the same release, which come with them: $newer"
+  mkdir -p "$foveate_data"
+  as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-remove --no-install-recommends "$@" >/dev/null
+  { cat "$installed_list" 2>/dev/null || true; echo "$fresh"; } | sort -u >"$installed_list.new"
+  mv "$installed_list.new" "$installed_list"
 }
 
-export DEBIAN_FRONTEND=noninteractive
-echo "install-packages: installing ${newer[*]} ${missing[*]} ${monado[*]}"
-[[ $old_debian == yes ]] && add_trixie
-as_root apt-get update -qq
-if [[ ${#missing[@]} -gt 0 ]]; then
-  as_root apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+# Whether apt would remove installed packages for one that is to be new: of those the user has newer ones.
+removes() {
+  update
+  apt-get -s -qq install --no-install-recommends "$1" 2>/dev/null | grep -q '^Remv'
+}
+
+missing=() tools=()
+for package in "${wanted[@]}"; do
+  if [[ -n $(version "$package") ]]; then continue; fi
+  if [[ $package == qemu-system-x86 ]] && removes "$package"; then tools+=("$package"); else missing+=("$package"); fi
+done
+if [[ ${#tools[@]} -gt 0 ]]; then scripts/unpack-drivers.sh --tools "${tools[@]}"; fi
+install_own "${missing[@]}"
+
+# Which of opencl and vulkan work here, asked of the loaders as the program asks them, without what is unpacked.
+working=""
+if [[ $drivers == yes ]]; then
+  command -v cc >/dev/null || fail "a C linker is missing, which Rust needs too; install build-essential"
+  probe=$(mktemp -d)
+  trap 'rm -rf "$probe"' EXIT
+  cc -O0 -w -o "$probe/probe" scripts/probe-drivers.c -ldl
+  for kind in opencl vulkan; do
+    # A driver that crashes or hangs does not work.
+    if timeout 60 env -u OCL_ICD_VENDORS -u VK_DRIVER_FILES "$probe/probe" "$kind" >/dev/null 2>&1; then working+=" $kind "; fi
+  done
+  [[ $working == *" opencl "* ]] || new+=(pocl-opencl-icd)
+  [[ $working == *" vulkan "* ]] || new+=(mesa-vulkan-drivers)
 fi
-if [[ ${#newer[@]} -gt 0 ]]; then
-  as_root apt-get install -y -qq --no-install-recommends -t trixie "${newer[@]}" >/dev/null
-fi
-[[ $unpack == no ]] || unpack_monado
+
+own=() aside=()
+for package in "${new[@]}"; do
+  at_least "$(version "$package")" "${floors[$package]}" && continue
+  # Where an older script has unpacked Monado.
+  [[ $package == *monado* && -e $old_monado/complete ]] && continue
+  if grep -qxF "$package" "$drivers_folder/asked" 2>/dev/null; then aside+=("$package"); continue; fi
+  update
+  candidate=$(apt-cache policy "$package" | sed -n 's/^ *Candidate: //p')
+  # An older script of this project added Debian 13's archive, which is not this release's own.
+  if [[ ! -e $old_list ]] && at_least "$candidate" "${floors[$package]}"; then own+=("$package"); else aside+=("$package"); fi
+done
+install_own "${own[@]}"
+# Debian 13's packages are proven by Debian's keys, which Ubuntu has in a package.
+if [[ ${#aside[@]} -gt 0 && ! -e /usr/share/keyrings/debian-archive-keyring.gpg ]]; then install_own debian-archive-keyring; fi
+if [[ $drivers == yes ]]; then scripts/unpack-drivers.sh "${aside[@]}"; fi

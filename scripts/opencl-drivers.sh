@@ -19,7 +19,7 @@ rusticl() {
   local packages=(mesa-opencl-icd libllvm19 libclang-cpp19 libclang-common-19-dev libllvmspirvlib19.1 libclc-19 libclc-19-dev)
   command -v apt-get >/dev/null && command -v dpkg-deb >/dev/null || { say "rusticl: there is no apt here"; return 1; }
   apt-cache madison mesa-opencl-icd 2>/dev/null | awk '{ print $3 }' | grep -q '^25' \
-    || { say "rusticl: no Mesa 25 among apt's sources (scripts/install-packages.sh adds Debian 13)"; return 1; }
+    || { say "rusticl: no Mesa 25 among apt's sources; it is in Debian 13's"; return 1; }
   local suite=()
   [[ ! -e /etc/apt/sources.list.d/foveate-trixie.list ]] || suite=(-t trixie)
   mkdir "$into/debs"

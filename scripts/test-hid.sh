@@ -9,6 +9,9 @@ for tool in apt-get apt-cache dpkg-deb; do
   command -v "$tool" >/dev/null || { say "this needs Debian's $tool; run it on Debian."; exit 1; }
 done
 scripts/install-packages.sh hid
+# Where the system's QEMU would cost it other packages, one is unpacked.
+. scripts/places.sh
+export PATH="$tools_folder/bin:$PATH"
 
 package=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: \(linux-image-[0-9].*\)/\1/p' | head -n 1)
 [[ -n "$package" ]] || { say "no package linux-image-amd64 is known here; run it on Debian (amd64)."; exit 1; }

@@ -11,7 +11,17 @@ use foveate::trace::probe::RayKind;
 pub fn compile(out: &Path) -> PathBuf {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers/embree.cpp");
     let program = out.join("embree");
+    // Where the system's Embree is too old, one is unpacked beside the drivers (`scripts/unpack-drivers.sh`).
+    let unpacked = std::env::var("FOVEATE_DRIVERS").ok().map_or(Vec::new(), |folder| {
+        let paths = std::fs::read_to_string(format!("{folder}/paths")).expect("unpacked drivers");
+        let mut options =
+            vec![format!("-I{folder}/usr/include"), format!("-Wl,--dynamic-linker={folder}/loader")];
+        options.extend(paths.trim().split(':').map(|path| format!("-L{path}")));
+        options.push(format!("-Wl,--allow-shlib-undefined,--disable-new-dtags,-rpath,{}", paths.trim()));
+        options
+    });
     let done = Command::new("g++")
+        .args(unpacked)
         .args(["-O3", "-march=native", "-std=c++17"])
         .args([&source, Path::new("-o"), &program])
         .args(["-lembree4", "-lpthread"])

@@ -42,7 +42,9 @@ pub fn installed() -> bool {
         let files = folders.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
         files.map(|file| file.file_name()).any(|file| file.to_string_lossy().contains(name))
     };
-    let openxr = ["/usr/share/openxr/1/api_layers/explicit.d", "/etc/openxr/1/api_layers/explicit.d"];
+    let unpacked = std::env::var("XR_API_LAYER_PATH").unwrap_or_default();
+    let openxr =
+        ["/usr/share/openxr/1/api_layers/explicit.d", "/etc/openxr/1/api_layers/explicit.d", &unpacked];
     let vulkan = ["/usr/share/vulkan/explicit_layer.d", "/etc/vulkan/explicit_layer.d"];
     let there = any(&openxr, "core_validation") && any(&vulkan, "khronos_validation");
     if !there {

@@ -59,10 +59,13 @@ fn initramfs(kernel: &Path, descriptor: &Path) -> Vec<u8> {
 
 /// Shared libraries of a program, and the loader, by the paths under which they are found.
 fn libraries(program: &Path) -> Vec<String> {
-    let output = Command::new("ldd").arg(program).output().unwrap();
+    // Where drivers are unpacked, programs start by a loader of their own (`build/drivers.rs`).
+    let loader = std::env::var("FOVEATE_DRIVERS").ok().map(|folder| format!("{folder}/loader"));
+    let mut command = Command::new(loader.as_deref().unwrap_or("ldd"));
+    let output = command.args(loader.as_ref().map(|_| "--list")).arg(program).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     let words = text.split_whitespace().filter(|word| word.starts_with('/'));
-    words.map(str::to_string).collect()
+    words.map(str::to_string).chain(loader).collect()
 }
 
 /// A program without what only a debugger wants.

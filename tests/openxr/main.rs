@@ -288,3 +288,22 @@ fn the_wearer_sees_what_is_rendered_from_the_same_eyes() {
         }
     }
 }
+
+/// What docs/headsets.md tells users to type starts a service that answers, with no display and no terminal.
+#[test]
+fn the_documented_line_starts_monado() {
+    if !monado::installed() {
+        return;
+    }
+    let page =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/headsets.md")).unwrap();
+    let line = page.lines().find_map(|line| line.strip_prefix("    ")?.strip_suffix(" monado-service"));
+    let settings: Vec<(&'static str, String)> = line
+        .expect("the line")
+        .split(' ')
+        .map(|word| word.split_once('=').expect("a variable"))
+        .map(|(name, value)| (&*name.to_string().leak(), value.to_string()))
+        .collect();
+    let folder = tempfile::tempdir().unwrap();
+    let _monado = Monado::start_bare(folder.path(), &settings);
+}

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What the loader reads to find Monado.
-const MANIFEST: &str = "/usr/share/openxr/1/openxr_monado.json";
+/// What the loader reads to find Monado, below the root or below the folder of unpacked drivers.
+const MANIFEST: &str = "usr/share/openxr/1/openxr_monado.json";
 /// How long the service may take to start.
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -16,18 +16,25 @@ pub struct Monado {
     settings: Vec<(&'static str, String)>,
 }
 
+/// The manifest and the service: what is unpacked for these tests (`scripts/unpack-drivers.sh`), else the system's.
+fn places() -> (PathBuf, PathBuf) {
+    let unpacked = std::env::var_os("FOVEATE_DRIVERS").map(PathBuf::from);
+    match unpacked.filter(|folder| folder.join(MANIFEST).exists()) {
+        Some(folder) => (folder.join(MANIFEST), folder.join("bin/monado-service")),
+        None => (Path::new("/").join(MANIFEST), "monado-service".into()),
+    }
+}
+
 /// Whether Monado is installed; says so where it is not. Where CI=true promises it, that is a failure.
 pub fn installed() -> bool {
-    let there = Path::new(MANIFEST).exists()
-        && Command::new("monado-service")
-            .arg("--help")
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .is_ok_and(|mut child| {
+    let (manifest, service) = places();
+    let there = manifest.exists()
+        && Command::new(service).arg("--help").stdout(Stdio::null()).stderr(Stdio::null()).spawn().is_ok_and(
+            |mut child| {
                 let _ = child.kill();
                 child.wait().is_ok()
-            });
+            },
+        );
     if !there {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "Monado is not installed");
         println!("not run: Monado is not installed (scripts/install-packages.sh test)");
@@ -38,6 +45,13 @@ pub fn installed() -> bool {
 impl Monado {
     /// Starts the service with these environment variables in a folder that exists.
     pub fn start(folder: &Path, settings: &[(&'static str, String)]) -> Monado {
+        let mut settings = settings.to_vec();
+        settings.push(("XRT_NO_STDIN", "1".to_string()));
+        Monado::start_bare(folder, &settings)
+    }
+
+    /// The same with nothing added.
+    pub fn start_bare(folder: &Path, settings: &[(&'static str, String)]) -> Monado {
         let settings = settings.to_vec();
         let service = launch(folder, &settings);
         let monado = Monado { service, folder: folder.to_path_buf(), settings };
@@ -66,7 +80,7 @@ impl Monado {
 
     /// Makes a program a client of this service.
     pub fn serve(&self, client: &mut Command) {
-        client.env("XR_RUNTIME_JSON", MANIFEST).env("XDG_RUNTIME_DIR", &self.folder);
+        client.env("XR_RUNTIME_JSON", places().0).env("XDG_RUNTIME_DIR", &self.folder);
         // Whatever the runtime and its loader have to say comes between this program's own words.
         client.env("XRT_LOG", "error").env("XR_LOADER_DEBUG", "none");
         client.env("OXR_DEBUG_ENTRYPOINTS", "0");
@@ -101,9 +115,8 @@ impl Drop for Monado {
 
 fn launch(folder: &Path, settings: &[(&'static str, String)]) -> Child {
     let log = std::fs::File::create(folder.join("log")).unwrap();
-    Command::new("monado-service")
+    Command::new(places().1)
         .env("XDG_RUNTIME_DIR", folder)
-        .env("XRT_NO_STDIN", "1")
         .envs(settings.iter().map(|(name, value)| (name, value)))
         .stdin(Stdio::null())
         .stdout(log.try_clone().unwrap())

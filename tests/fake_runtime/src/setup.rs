@@ -42,7 +42,6 @@ impl Setup {
         command
             .env("XR_RUNTIME_JSON", self.folder.join("runtime.json"))
             .env(SCRIPT_VARIABLE, self.folder.join("script.json"))
-            .env_remove("XR_API_LAYER_PATH")
             .env_remove("XR_ENABLE_API_LAYERS")
     }
 
