@@ -89,6 +89,9 @@ pub struct FoveationConfig {
     pub samples: Samples,
 }
 
+/// Shaded samples by default, as a share of the pixels: the paper's 55,000 for 1280 x 800.
+pub const USUAL_SHARE: f64 = 0.054;
+
 /// A number of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Samples {
@@ -401,7 +404,7 @@ impl Default for ViewConfig {
 
 impl Default for FoveationConfig {
     fn default() -> Self {
-        FoveationConfig { law: Law::default(), samples: Samples::Count(55_000) }
+        FoveationConfig { law: Law::default(), samples: Samples::Share(USUAL_SHARE) }
     }
 }
 
@@ -565,8 +568,7 @@ impl Layers {
         }
     }
 
-    /// The typed, validated configuration. The default number of samples stands for as many as there are
-    /// pixels where these are fewer; one that was given does not.
+    /// The typed, validated configuration.
     ///
     /// # Errors
     /// [`Error::Setting`] about the first key that does not exist or has a value that does not fit.
@@ -616,8 +618,21 @@ fn read_text(path: &Path) -> Result<String> {
     })
 }
 
+/// What is wrong with a value, in words of TOML and not of Rust.
 fn refused(key: &str, error: &toml::de::Error) -> Error {
-    let what = error.message().trim_end();
+    const WORDS: [(&str, &str); 9] = [
+        ("expected u32", "expected a whole number, 0 or more"),
+        ("expected u64", "expected a whole number, 0 or more"),
+        ("expected usize", "expected a whole number, 0 or more"),
+        ("expected f32", "expected a number"),
+        ("expected f64", "expected a number"),
+        ("expected path string", "expected a path as text"),
+        ("expected a sequence", "expected a list"),
+        ("invalid type: sequence", "invalid type: a list"),
+        ("invalid type: map", "invalid type: a section"),
+    ];
+    let what =
+        WORDS.iter().fold(error.message().trim_end().to_string(), |what, (from, to)| what.replace(from, to));
     Error::setting(key, format!("{what}; configs/default.toml lists every key"))
 }
 
@@ -914,5 +929,37 @@ mod tests {
             config.foveation,
             FoveationConfig { law: Law::LogPolar { alpha: 2.0 }, samples: Samples::Count(2_000_000) }
         );
+    }
+
+    #[test]
+    fn values_of_wrong_types_are_told_in_words_of_toml() {
+        fn keys(table: &Table, prefix: &str, found: &mut Vec<String>) {
+            for (key, value) in table {
+                let key = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+                match value {
+                    Value::Table(section) => keys(section, &key, found),
+                    _ => found.push(key),
+                }
+            }
+        }
+        let mut found = Vec::new();
+        keys(&Table::try_from(Config::default()).unwrap(), "", &mut found);
+        assert!(found.len() > 20, "{found:?}");
+        let mut refused = 0;
+        for key in &found {
+            for value in ["'x?y'", "-3", "1.5", "[1, 2]", "true", "{ a = 1 }"] {
+                let Err(error) = Layers::default().assign(&format!("{key}={value}")) else { continue };
+                let message = error.to_string();
+                refused += 1;
+                for word in message.split(|c: char| !c.is_ascii_alphanumeric()) {
+                    let rust = [
+                        "u8", "u32", "u64", "usize", "i64", "f32", "f64", "bool", "struct", "enum",
+                        "sequence", "map", "untagged", "newtype", "tuple", "unit",
+                    ];
+                    assert!(!rust.contains(&word), "{key}={value}: {message}");
+                }
+            }
+        }
+        assert!(refused > 60, "{refused}");
     }
 }

@@ -72,13 +72,25 @@ pub enum Error {
 }
 
 impl Error {
+    /// A word for programs that read errors: it stays when sentences change.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Error::File { .. } => "file",
+            Error::Scene { .. } => "scene",
+            Error::Environment { .. } => "environment",
+            Error::Setting { .. } => "setting",
+            Error::NoDevice { .. } => "no-device",
+            Error::Device { .. } => "device",
+            Error::Kernel { .. } => "kernel",
+        }
+    }
+
     /// A [`Error::File`] from an I/O error, with the next step where one is known.
     pub fn io(path: &Path, error: &std::io::Error) -> Self {
         use std::io::ErrorKind;
         let problem = match error.kind() {
             ErrorKind::NotFound => "there is no such file; check the path".to_string(),
             ErrorKind::PermissionDenied => "this user may not open it; check its permissions".to_string(),
-            ErrorKind::StorageFull => "the disk is full; free some space".to_string(),
             ErrorKind::IsADirectory => "it is a folder; give the path of a file".to_string(),
             _ => format!("{error}"),
         };
@@ -94,6 +106,10 @@ impl Error {
             ErrorKind::ReadOnlyFilesystem => "it is on a read-only disk; choose another folder".to_string(),
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
                 "the disk is full; free some space, what was written before is kept".to_string()
+            }
+            ErrorKind::FileTooLarge => {
+                "files may not become so large here; raise the limit (ulimit -f), or choose another folder"
+                    .to_string()
             }
             ErrorKind::IsADirectory => {
                 "a folder is in its place; remove it or choose another folder".to_string()

@@ -9,7 +9,9 @@ pub mod error;
 pub mod isolated;
 pub mod layout;
 pub mod math;
+pub mod places;
 pub mod private_file;
+pub mod progress;
 pub mod whole_file;
 
 pub mod bvh;
@@ -37,3 +39,6 @@ pub mod trade;
 pub mod cli;
 
 pub use error::{Error, Result};
+
+/// The version, and the commit with its date that a release was built from.
+pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("FOVEATE_BUILT_FROM"), ")");

@@ -1,24 +1,41 @@
 //! foveate: see `foveate --help`.
 #![allow(unsafe_code)]
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
 
+/// Where loaders find the drivers that `scripts/unpack-drivers.sh` has unpacked for this program, if it has: the
+/// variables that loaders read.
+const UNPACKED: [(&str, Option<&str>); 2] = [
+    ("OCL_ICD_VENDORS", option_env!("FOVEATE_OCL_ICD_VENDORS")),
+    ("VK_DRIVER_FILES", option_env!("FOVEATE_VK_DRIVER_FILES")),
+];
+
 fn main() -> ExitCode {
     // OpenXR's loader complains on standard error wherever there is no runtime, which is no fault here.
-    if std::env::var_os("XR_LOADER_DEBUG").is_none() {
+    let mut defaults: Vec<(&str, OsString)> = vec![("XR_LOADER_DEBUG", "none".into())];
+    defaults.extend(UNPACKED.into_iter().filter_map(|(name, value)| Some((name, value?.into()))));
+    defaults.retain(|(name, _)| std::env::var_os(name).is_none());
+    let cli = foveate::cli::Cli::parse();
+    let json = cli.json();
+    if let Some((folder, note)) = foveate::cli::caches::elsewhere().filter(|_| cli.uses_drivers()) {
+        foveate::cli::complain(&format!("note: {note}"));
+        defaults.push(("XDG_CACHE_HOME", folder.into()));
+    }
+    for (name, value) in defaults {
         // SAFETY: no other thread runs yet that could read the environment meanwhile.
-        unsafe { std::env::set_var("XR_LOADER_DEBUG", "none") };
+        unsafe { std::env::set_var(name, value) };
     }
     // What drivers may spoil is tried in processes of their own, which run this program.
     if let Ok(program) = std::env::current_exe() {
         foveate::isolated::use_program(program);
     }
-    match foveate::cli::Cli::parse().run() {
+    match cli.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            foveate::cli::complain(&error.to_string());
+            foveate::cli::fail(&error, json);
             ExitCode::FAILURE
         }
     }

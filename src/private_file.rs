@@ -9,19 +9,16 @@ use std::path::{Path, PathBuf};
 use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
 
 use crate::error::{Error, Result};
-use crate::whole_file;
+use crate::{places, whole_file};
 
 /// Nobody but the owner may do anything.
 const PRIVATE: u32 = 0o700;
 /// Group and others may write.
 const OTHERS_WRITE: u32 = 0o022;
 
-/// The program's part of the user's cache: `$XDG_CACHE_HOME/foveate`, or `~/.cache/foveate`; `None` without a
-/// home.
+/// The program's part of the user's cache ([`places::cache`]); `None` without a home.
 pub fn user_folder() -> Option<PathBuf> {
-    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let base = absolute("XDG_CACHE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".cache")))?;
-    Some(base.join("foveate"))
+    Some(places::cache()?.join("foveate"))
 }
 
 /// Opens a file to read it; `None` where it is not there, is no regular file of this user, or lies in a folder that

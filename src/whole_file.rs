@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -20,8 +20,44 @@ use crate::error::{Error, Result};
 ///
 /// # Errors
 /// [`Error::File`] where the folder is missing or not writable, or what has the name now is not a file
-/// that may be written.
+/// that may be written, or is none of the kind that its name tells: it may be dear to somebody.
 pub fn check(path: &Path) -> Result<()> {
+    match kind_of_name(path) {
+        Some((beginning, kind)) => check_kind(path, beginning, kind),
+        None => check_place(path),
+    }
+}
+
+/// The same for a file of a kind that its name need not tell: what is there now may be replaced if it is empty
+/// or begins in the same way. `kind` is what to call such a file, as in "no PNG picture".
+///
+/// # Errors
+/// As [`check`].
+pub fn check_kind(path: &Path, beginning: &[u8], kind: &str) -> Result<()> {
+    check_place(path)?;
+    let Ok(there) = File::open(path) else { return Ok(()) };
+    let mut first = Vec::new();
+    there.take(beginning.len() as u64).read_to_end(&mut first).map_err(|e| Error::io(path, &e))?;
+    if first.is_empty() || first == beginning {
+        return Ok(());
+    }
+    let problem = format!("it is there already and is no {kind}; give another name, or remove it");
+    Err(Error::File { path: path.to_path_buf(), problem })
+}
+
+/// How a file of this name begins, and what it is called.
+fn kind_of_name(path: &Path) -> Option<(&'static [u8], &'static str)> {
+    let ending = path.extension()?.to_str()?.to_lowercase();
+    let kinds: [(&str, &[u8], &str); 4] = [
+        ("png", b"\x89PNG", "PNG picture"),
+        ("exr", b"\x76\x2f\x31\x01", "OpenEXR picture"),
+        ("gif", b"GIF8", "GIF animation"),
+        ("glb", b"glTF", "binary glTF scene"),
+    ];
+    kinds.into_iter().find(|kind| kind.0 == ending).map(|(_, beginning, kind)| (beginning, kind))
+}
+
+fn check_place(path: &Path) -> Result<()> {
     let path = &resolved(path);
     match fs::metadata(path) {
         Ok(there) if there.is_dir() => return Err(Error::writing(path, &ErrorKind::IsADirectory.into())),
@@ -60,7 +96,7 @@ pub fn check_folder(folder: &Path) -> Result<()> {
 /// # Errors
 /// What `fill` says, or [`Error::File`] where the file cannot be made.
 pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
-    check(path)?;
+    check_place(path)?;
     replace(&resolved(path), fill)
 }
 
@@ -69,9 +105,45 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>)
 /// # Errors
 /// As [`write`].
 pub fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
-    let mut draft = Draft::create(path)?;
-    fill(&mut draft.file)?;
-    draft.file.flush().and_then(|()| fs::rename(&draft.temporary, path)).map_err(|e| Error::writing(path, &e))
+    let mut growing = Growing { path: path.to_path_buf(), draft: Draft::create(path)? };
+    fill(&mut growing.draft.file)?;
+    growing.finish()
+}
+
+/// A file that is filled bit by bit, and appears under its name when it is [finished](Growing::finish).
+pub struct Growing {
+    path: PathBuf,
+    draft: Draft,
+}
+
+impl Growing {
+    /// Begins it. What has the name now stays until it is finished.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be made.
+    pub fn create(path: &Path) -> Result<Growing> {
+        let path = resolved(path);
+        let draft = Draft::create(&path)?;
+        Ok(Growing { path, draft })
+    }
+
+    /// Adds bytes.
+    ///
+    /// # Errors
+    /// [`Error::File`] where they cannot be written.
+    pub fn put(&mut self, bytes: &[u8]) -> Result<()> {
+        self.draft.file.write_all(bytes).map_err(|error| Error::writing(&self.path, &error))
+    }
+
+    /// Gives it its name.
+    ///
+    /// # Errors
+    /// [`Error::File`] where that fails.
+    pub fn finish(self) -> Result<()> {
+        let Growing { path, mut draft } = self;
+        let named = draft.file.flush().and_then(|()| fs::rename(&draft.temporary, &path));
+        named.map_err(|error| Error::writing(&path, &error))
+    }
 }
 
 /// Removes what processes have left in a folder that were killed while they wrote. Each holds a lock on what it
@@ -174,7 +246,7 @@ mod tests {
     #[test]
     fn a_failed_write_leaves_what_was_there() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("picture.png");
+        let path = folder.path().join("picture");
         put(&path, "first").unwrap();
         let fail = |file: &mut BufWriter<File>| {
             file.write_all(b"half").unwrap();
@@ -184,7 +256,7 @@ mod tests {
         assert!(write(&path, fail).is_err());
         assert_eq!(
             (fs::read(&path).unwrap(), names(folder.path())),
-            (b"first".to_vec(), vec!["picture.png".into()])
+            (b"first".to_vec(), vec!["picture".into()])
         );
         put(&path, "second").unwrap();
         assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"second".to_vec(), 1));
@@ -238,6 +310,26 @@ mod tests {
         drop(lock);
         sweep(folder.path());
         assert!(!written.exists());
+    }
+
+    #[test]
+    fn files_of_another_kind_are_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, kind) in [("a.png", "PNG"), ("a.EXR", "OpenEXR"), ("a.gif", "GIF"), ("a.glb", "glTF")] {
+            let path = folder.path().join(name);
+            fs::write(&path, "a diary").unwrap();
+            let message = check(&path).unwrap_err().to_string();
+            assert!(message.contains("is there already") && message.contains(kind), "{message}");
+            assert_eq!(fs::read(&path).unwrap(), b"a diary");
+            fs::write(&path, "").unwrap();
+            check(&path).unwrap();
+        }
+        let (path, of_ours) = (folder.path().join("a.png"), b"\x89PNG of before");
+        fs::write(&path, of_ours).unwrap();
+        check(&path).unwrap();
+        check_kind(&folder.path().join("none"), b"FVRAYS01", "rays").unwrap();
+        fs::write(&path, "FVRAYS0").unwrap();
+        assert!(check_kind(&path, b"FVRAYS01", "file of rays").is_err());
     }
 
     #[test]

@@ -739,6 +739,7 @@ fn load_from(parent: &std::path::Path, uri: &str) -> foveate::Result<Scene> {
     Scene::load(&path)
 }
 
+#[cfg(unix)]
 #[test]
 fn only_the_scenes_own_folder_is_read() {
     let parent = tempfile::tempdir().unwrap();

@@ -7,11 +7,11 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::machine;
-use super::options::{RenderOptions, eye_fov};
+use super::options::{Options, RayOptions, eye_fov};
 use super::output;
 use crate::bvh::WideBvh;
 use crate::bvh::wide::Cost;
-use crate::config::{Config, WalkConfig};
+use crate::config::{Config, Layers, WalkConfig};
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::frame::Loaded;
@@ -39,7 +39,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
     #[command(flatten)]
-    options: RenderOptions,
+    pub(super) options: RayOptions,
 }
 
 #[derive(Serialize)]
@@ -95,15 +95,15 @@ struct Row {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let config = args.options.config()?;
+    let config = args.options.config_over(Layers::default())?;
     if let Some(path) = &args.export {
-        whole_file::check(path)?;
+        whole_file::check_kind(path, export::MAGIC, "file of rays")?;
     }
     let devices = open(&config)?;
     let loaded = super::render::load(&args.scene, &config)?;
     let view = view(args, &config, &loaded)?;
     let count = config.foveation.samples.of(view.pixels());
-    let gaze = args.options.gaze().unwrap_or(glam::DVec2::splat(0.5));
+    let gaze = args.options.look.gaze.unwrap_or(glam::DVec2::splat(0.5));
     let pattern = Pattern::new(&view, &config.foveation.law, gaze, count);
     let ready_ms = loaded.steps.iter().find(|step| step.name == "bvh").map_or(0.0, |step| step.ms);
     let cached = loaded.bvh_was_cached;
@@ -151,7 +151,7 @@ fn open(config: &Config) -> Result<Vec<Device>> {
 }
 
 fn view(args: &Args, config: &Config, loaded: &Loaded) -> Result<View> {
-    let (world_from_eye, fov_y) = args.options.viewpoint(&loaded.scene, config)?;
+    let (world_from_eye, fov_y) = args.options.view.viewpoint(&loaded.scene, config)?;
     let (width, height) = (config.view.width, config.view.height);
     Ok(View { world_from_eye, fov: eye_fov(fov_y, width, height), width, height })
 }

@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 
 use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
-use super::options::{ConfigOptions, keep_up};
+use super::options::{Options, RenderOptions, keep_up};
 use super::output;
 use super::run::{Presentation, stop_signal};
 use super::window::Show;
-use crate::config::{Config, Layers, Samples};
+use crate::config::{Config, Layers};
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
 use crate::headset::openxr::Runtime;
-use crate::scene::{default_viewpoint, generate};
+use crate::scene::{Scene, generate};
 
 /// Arguments of `foveate demo`.
 #[derive(Debug, clap::Args)]
@@ -33,7 +33,7 @@ pub struct Args {
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
     #[command(flatten)]
-    options: ConfigOptions,
+    pub(super) options: RenderOptions,
 }
 
 /// The script's length in seconds of display time.
@@ -62,23 +62,23 @@ pub fn load(scene: Option<&Path>, config: &Config) -> Result<Loaded> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let mut defaults = stereo_defaults();
-    // Two eyes share the usual number of samples.
-    if let Samples::Count(count) = &mut defaults.foveation.samples {
-        *count /= 2;
-    }
-    let mut layers = args.options.layers(Layers::over(defaults))?;
-    let config = layers.finish()?;
+    let mut layers = args.options.layers(Layers::over(stereo_defaults()))?;
+    let config = args.options.finished(&layers)?;
     let notes = keep_up(&mut layers);
-    let displayed = layers.finish()?;
+    let displayed = args.options.finished(&layers)?;
     if args.window || args.headset.is_some() {
+        args.options
+            .view
+            .refuse_pose("a window begins where the scene says, and is walked from there; leave it out")?;
+        args.options.look.refuse("in a window it is the centre; leave it out")?;
         let (config, scene) = (&displayed, args.scene.as_deref());
         let show = Show { config, notes, scene, headset: args.headset, frames: args.frames };
-        return show.run(args.options.json);
+        return show.run(args.options.config.json);
     }
     if args.frames.is_some() {
         return Err(Error::setting("--frames", "it counts frames of a window; give --window too"));
     }
+    args.scene.as_deref().map_or(Ok(()), Scene::check)?;
     check_out(&args.out)?;
     if let Ok(runtime) = Runtime::connect(config.headset.insets) {
         return in_headset(args, &displayed, &notes, runtime);
@@ -91,14 +91,14 @@ pub fn run(args: &Args) -> Result<()> {
         config: &config,
         loaded: &loaded,
         machine: &machine,
-        profile: fitted(Profile::generic(), &config, None),
-        rest: default_viewpoint(&loaded.scene, config.view.fov_y).world_from_eye,
-        gaze: None,
+        profile: fitted(Profile::generic(), &config, args.options.view.fov_y()),
+        rest: args.options.view.viewpoint(&loaded.scene, &config)?.0,
+        gaze: args.options.look.gaze,
         still: false,
         out: &args.out,
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;
-    session.run(frames, SCRIPT_SECONDS)?.print(args.options.json)
+    session.run(frames, SCRIPT_SECONDS)?.print(args.options.config.json)
 }
 
 /// The same scene in a headset, until the wearer or the operator has seen enough.
@@ -107,16 +107,17 @@ fn in_headset(args: &Args, config: &Config, notes: &[String], runtime: Runtime) 
     let loaded = load(args.scene.as_deref(), config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(notes);
+    let [width, height] = args.options.given_size()?;
     let presentation = Presentation {
         config,
         loaded: &loaded,
-        rest: default_viewpoint(&loaded.scene, config.view.fov_y).world_from_eye,
-        gaze: None,
-        fov_y: None,
-        size: [None; 2],
+        rest: args.options.view.viewpoint(&loaded.scene, config)?.0,
+        gaze: args.options.look.gaze,
+        fov_y: args.options.view.fov_y(),
+        size: [width.map(|both| both.div_ceil(2)), height],
         frames: None,
-        quiet: args.options.json,
+        quiet: args.options.config.json,
         stop,
     };
-    presentation.run(runtime)?.print(args.options.json)
+    presentation.run(runtime)?.print(args.options.config.json)
 }

@@ -29,7 +29,7 @@ use parts::{KERNELS, OPENCL, OPENXR, Parts, SHARES, SHARING, VULKAN};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    options: ConfigOptions,
+    pub(super) options: ConfigOptions,
     /// Ask drivers in this very process, but not for these parts, each with what happened to it: this program starts
     /// itself so.
     #[arg(long, hide = true, value_name = "PART=WHY")]
@@ -90,12 +90,14 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
     if let Some(without) = &args.without {
         isolated::work_for_others();
-        let text = text_of(&report(&config, &Parts::without(without))?, args.options.json)?;
-        isolated::answer(&serde_json::to_string(&text).expect("text"));
+        let report = report(&config, &Parts::without(without))?;
+        let told = (text_of(&report, args.options.json)?, report.lacks());
+        isolated::answer(&serde_json::to_string(&told).expect("text"));
         return Ok(());
     }
     let Some(program) = isolated::program() else {
-        return output::print_line(&text_of(&report(&config, &Parts::default())?, args.options.json)?);
+        let report = report(&config, &Parts::default())?;
+        return tell(&text_of(&report, args.options.json)?, report.lacks());
     };
     let given: Vec<String> =
         std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
@@ -103,7 +105,9 @@ pub fn run(args: &Args) -> Result<()> {
     loop {
         match isolated::run(program, &[&given[..], &parts.arguments()].concat(), DEVICES_PATIENCE) {
             Ok(answer) => {
-                return output::print_line(&serde_json::from_str::<String>(&answer).unwrap_or_default());
+                let (text, lacks): (String, Option<String>) =
+                    serde_json::from_str(&answer).unwrap_or_default();
+                return tell(&text, lacks.as_deref());
             }
             Err(failure) if parts.lose(&failure) => {}
             Err(failure) => {
@@ -111,6 +115,27 @@ pub fn run(args: &Args) -> Result<()> {
                 return Err(Error::NoDevice { kind: "OpenCL or Vulkan", problem });
             }
         }
+    }
+}
+
+/// Prints the report. Where nothing can be rendered, that is this command's failure too, and the report says why.
+fn tell(text: &str, lacks: Option<&str>) -> Result<()> {
+    output::print_line(text)?;
+    let problem = "see the problems that are listed".to_string();
+    match lacks {
+        None => Ok(()),
+        Some("OpenCL") => Err(Error::NoDevice { kind: "OpenCL", problem }),
+        Some(_) => Err(Error::NoDevice { kind: "Vulkan", problem }),
+    }
+}
+
+impl Report {
+    /// The kind of device that is missing for anything to be rendered.
+    fn lacks(&self) -> Option<&'static str> {
+        if !self.opencl.iter().any(|device| device.used) {
+            return Some("OpenCL");
+        }
+        (!self.vulkan.iter().any(|device| device.used)).then_some("Vulkan")
     }
 }
 
@@ -177,7 +202,7 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
         }
     };
     keep(context.map(drop));
-    let chosen = chosen.unwrap_or_default();
+    let chosen = if opened.is_ok() { chosen.unwrap_or_default() } else { Vec::new() };
     keep(opened.map(drop));
     let shares = shares.unwrap_or_else(|error| {
         keep(Err(error));

@@ -56,6 +56,20 @@ impl Machine {
         Renderer::with_devices(&self.devices, &self.context, loaded, config, output)
     }
 
+    /// The drivers of all devices, with their versions.
+    pub fn drivers(&self) -> Vec<String> {
+        let mut list: Vec<String> = Vec::new();
+        for info in self.devices.iter().map(Device::info) {
+            let driver = format!("OpenCL: {} {}", info.platform, info.driver);
+            if !list.contains(&driver) {
+                list.push(driver);
+            }
+        }
+        let report = self.context.report();
+        list.push(format!("Vulkan: {} (API {})", report.name, report.api_version));
+        list
+    }
+
     /// One line: what traces and what reconstructs.
     pub fn describe(&self) -> String {
         let names: Vec<&str> = self.devices.iter().map(|d| d.info().name.as_str()).collect();
@@ -126,10 +140,13 @@ pub fn choose(devices: &[DeviceInfo], wanted: &str, presenting: &[u8; 16]) -> Re
 
 /// A device by its number, its UUID or a part of its name.
 fn find(devices: &[DeviceInfo], name: &str) -> Option<usize> {
+    // A number beyond the last is not a part of a name.
+    if name.len() <= 2 && name.bytes().all(|byte| byte.is_ascii_digit()) {
+        return name.parse().ok().filter(|&index: &usize| index < devices.len());
+    }
     let lower = name.to_lowercase();
     let plain: String = lower.chars().filter(|c| *c != '-').collect();
-    let by_number = name.parse().ok().filter(|&index: &usize| index < devices.len());
     let by_uuid = || devices.iter().position(|d| d.uuid.as_deref() == Some(&plain));
     let by_name = || devices.iter().position(|d| d.name.to_lowercase().contains(&lower));
-    by_number.or_else(by_uuid).or_else(by_name)
+    by_uuid().or_else(by_name)
 }

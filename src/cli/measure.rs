@@ -1,12 +1,14 @@
 //! `foveate measure`: what speed costs in accuracy, on this scene and these devices.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use indicatif::ProgressBar;
 
 use super::mock;
-use super::options::RenderOptions;
+use super::options::{MeasureOptions, Options};
 use super::{output, render};
 use crate::config::{Config, Layers, Stereo};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::frame::Output;
 use crate::headset::mock::Script;
 use crate::math::pose::Pose;
@@ -34,7 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value = "generic")]
     headset: String,
     #[command(flatten)]
-    options: RenderOptions,
+    pub(super) options: MeasureOptions,
 }
 
 /// The script's length in seconds, along which the head's poses are taken.
@@ -51,15 +53,16 @@ pub fn run(args: &Args) -> Result<()> {
     let shrunk = |pixels: u32| (f64::from(pixels) / effort.shrink() / 2.0).round() as u32 * 2;
     defaults.view.width = shrunk(defaults.view.width);
     defaults.view.height = shrunk(defaults.view.height);
-    defaults.foveation.samples = crate::config::Samples::Share(55_000.0 / 1_024_000.0);
     // What is given is compared with a reference of as many bounces of light.
     defaults.trace.indirect = crate::config::Indirect::Paths;
     let config = args.options.config_over(Layers::over(defaults))?.without_reuse();
-    let profile = mock::fitted(mock::profile(&args.headset)?, &config, args.options.fov_y());
+    let profile = mock::fitted(mock::profile(&args.headset)?, &config, args.options.view.fov_y());
     whole_file::check_folder(&args.out)?;
+    let bar = output::progress_share("measuring");
+    on_interrupt(&bar, &args.out)?;
     let (machine, loaded) = render::open(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
-    let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
+    let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;
     let script = Script::demo(rest, SCRIPT_SECONDS).with_reach(mock::reach(&loaded));
     let heads = heads(&script, effort.poses(), 1.0 / profile.refresh_hz);
     let views = |head: Pose| -> Vec<View> {
@@ -79,10 +82,10 @@ pub fn run(args: &Args) -> Result<()> {
         heads: &heads,
         walks: &walks,
         open: &open,
+        drivers: machine.drivers(),
         device: format!("{}, samples {}", machine.describe(), renderer.sharing()),
         effort,
     };
-    let bar = output::progress_share("measuring");
     let report = sweep(&subject, &mut renderer, &args.out, &|done, total| {
         bar.set_length(total);
         bar.set_position(done);
@@ -92,6 +95,20 @@ pub fn run(args: &Args) -> Result<()> {
         return output::print_json(&report);
     }
     print(&report, &args.out)
+}
+
+/// Has Ctrl-C say, before it ends the run, that nothing is lost: each part is kept as soon as it is measured.
+fn on_interrupt(bar: &ProgressBar, out: &Path) -> Result<()> {
+    let (bar, out) = (bar.clone(), out.display().to_string());
+    let handler = move || {
+        bar.finish_and_clear();
+        super::complain(&format!(
+            "stopped; {out} keeps what was measured, and the same command goes on from there"
+        ));
+        std::process::exit(130);
+    };
+    ctrlc::set_handler(handler)
+        .map_err(|e| Error::setting("Ctrl-C", format!("it cannot be listened to ({e}); start again")))
 }
 
 /// Heads along the script, each in three steps of `step` seconds.
@@ -115,7 +132,7 @@ fn print(report: &Report, out: &std::path::Path) -> Result<()> {
         report.places.iter().product::<usize>(),
         report.reference_error.psnr,
     ))?;
-    output::print_line("the front, fastest first: frame, score of 10, PSNR, FLIP")?;
+    output::print_line("the Pareto front, fastest first: frame time, foveated score of 10, PSNR, FLIP")?;
     for p in report.front() {
         output::print_line(&format!(
             "  {:8.1} ms  {:5.2}  {:5.1} dB  {:.4}  {}",
@@ -130,7 +147,11 @@ fn print(report: &Report, out: &std::path::Path) -> Result<()> {
     for p in report.at_equal_cost() {
         output::print_line(&format!(
             "  {:8.1} ms  {:5.2}  {:5.1} dB  {:.4}  {}",
-            p.frame_ms, p.foveated_score, p.psnr, p.flip, p.name
+            p.frame_ms,
+            p.foveated_score,
+            p.psnr,
+            p.flip,
+            p.title()
         ))?;
     }
     output::print_line(&format!(

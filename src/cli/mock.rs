@@ -6,7 +6,7 @@ use glam::DVec2;
 use serde::Serialize;
 
 use super::machine::Machine;
-use super::options::RenderOptions;
+use super::options::{Options, RenderOptions};
 use super::output::{self, RenderSummary};
 use super::render;
 use crate::config::{Config, Layers, Stereo, TargetMs, ViewConfig};
@@ -16,7 +16,7 @@ use crate::frame::log::{FrameLog, FrameRecord};
 use crate::frame::{FrameReport, Loaded, Output, Plan, Step};
 use crate::headset::mock::{PictureSink, Profile, Script};
 use crate::math::pose::Pose;
-use crate::whole_file;
+use crate::{progress, whole_file};
 
 /// Arguments of `foveate mock`.
 #[derive(Debug, clap::Args)]
@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long)]
     still: bool,
     #[command(flatten)]
-    options: RenderOptions,
+    pub(super) options: RenderOptions,
 }
 
 /// What a mock run tells with `--json`.
@@ -91,14 +91,14 @@ pub fn run(args: &Args) -> Result<()> {
     check_out(&args.out)?;
     let (machine, loaded) = render::open(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
-    let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
+    let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;
     let session = Session {
         config: &config,
         loaded: &loaded,
         machine: &machine,
-        profile: fitted(profile, &config, args.options.fov_y()),
+        profile: fitted(profile, &config, args.options.view.fov_y()),
         rest,
-        gaze: args.options.gaze(),
+        gaze: args.options.look.gaze,
         still: args.still,
         out: &args.out,
     };
@@ -173,8 +173,10 @@ impl Session<'_> {
 
         // Drivers finish building kernels at their first launch: one frame that does not count.
         let first_plan = self.plan(profile, script(seconds).head_at(0.0))?;
+        let warming = progress::step("first frames, for which drivers finish their kernels");
         renderer.frame(&first_plan, &[], self.config.trace.seed)?;
         let warm = renderer.frame(&first_plan, &[], self.config.trace.seed)?;
+        drop(warming);
         if let Some(controller) = &mut controller {
             controller.observe(warm.frame_ms, warm.pattern_ms);
         }
@@ -201,7 +203,7 @@ impl Session<'_> {
             let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
             if let Some(controller) = &mut controller {
                 controller.observe(report.frame_ms, report.pattern_ms);
-                bar.suspend(|| output::print_warnings(&controller.take_notes()));
+                output::print_warnings(&controller.take_notes());
                 let target = held.and_then(|held| held.target_ms);
                 over += usize::from(target.is_some_and(|target| report.frame_ms > target));
             }

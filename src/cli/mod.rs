@@ -1,6 +1,7 @@
 //! The command line: arguments to a configuration, and one command.
 
 mod bench;
+pub mod caches;
 mod demo;
 mod devices;
 mod machine;
@@ -16,11 +17,12 @@ mod window;
 
 use clap::{Parser, Subcommand};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::progress;
 
 /// Ray-traces a glTF scene for a headset: sharp where the eye looks, sparse elsewhere.
 #[derive(Debug, Parser)]
-#[command(name = "foveate", version, about, after_help = EXAMPLES, args_override_self = true)]
+#[command(name = "foveate", version = crate::VERSION, about, after_help = EXAMPLES, args_override_self = true)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -69,6 +71,27 @@ enum Command {
 }
 
 impl Cli {
+    /// Whether drivers are used, which keep caches.
+    pub fn uses_drivers(&self) -> bool {
+        !matches!(self.command, Command::Tracker(_))
+    }
+
+    /// Whether results, and so errors too, are to be JSON.
+    pub fn json(&self) -> bool {
+        match &self.command {
+            Command::Render(args) => args.options.config.json,
+            Command::Run(args) => args.options.config.json,
+            Command::Mock(args) => args.options.config.json,
+            Command::Measure(args) => args.options.config.json,
+            Command::Demo(args) => args.options.config.json,
+            Command::Scene(args) => args.json(),
+            Command::Tracker(args) => args.json,
+            Command::Bench(args) => args.options.config.json,
+            Command::Devices(args) => args.options.json,
+            Command::TryKernels { .. } => false,
+        }
+    }
+
     /// Runs the command.
     ///
     /// # Errors
@@ -89,10 +112,22 @@ impl Cli {
     }
 }
 
+/// Tells why a command failed, on standard error: as a sentence, or as one JSON object with a code.
+pub fn fail(error: &Error, json: bool) {
+    use std::io::Write;
+    if json {
+        let object = serde_json::json!({ "error": { "code": error.code(), "message": error.to_string() } });
+        // Nobody who reads it is no error.
+        let _ = writeln!(std::io::stderr(), "{object}");
+    } else {
+        complain(&error.to_string());
+    }
+}
+
 /// Tells the operator something on standard error, as one line that begins with the program's name.
 /// Nobody who reads it is no error.
 pub fn complain(message: &str) {
     use std::io::Write;
     let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    let _ = writeln!(std::io::stderr(), "foveate: {}", line.trim_end());
+    let _ = progress::suspended(|| writeln!(std::io::stderr(), "foveate: {}", line.trim_end()));
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::machine::Machine;
@@ -166,16 +166,10 @@ pub fn print_warnings(warnings: &[String]) {
 
 /// A progress bar on standard error; nothing where that is no terminal.
 pub fn progress(steps: u64, what: &str) -> ProgressBar {
-    bar(steps, what, "{msg} [{bar:30}] {pos}/{len}, {eta} left")
+    crate::progress::bar(steps, what, "{msg} [{bar:30}] {pos}/{len}, {eta} left")
 }
 
 /// The same for work whose units mean nothing to a reader: its length is set later, its share is shown.
 pub fn progress_share(what: &str) -> ProgressBar {
-    bar(1, what, "{msg} [{bar:30}] {percent} %, {eta} left")
-}
-
-fn bar(steps: u64, what: &str, template: &str) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr());
-    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    bar.with_style(style).with_message(what.to_string())
+    crate::progress::bar(1, what, "{msg} [{bar:30}] {percent} %, {eta} left")
 }

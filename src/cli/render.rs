@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::machine::Machine;
-use super::options::{RenderOptions, eye_fov};
+use super::options::{Options, RenderOptions, eye_fov};
 use super::output::{self, RenderSummary};
 use crate::config::{Config, ExposureConfig, Stereo, ViewConfig};
 use crate::error::{Error, Result};
@@ -33,7 +33,7 @@ pub struct Args {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     passes: u32,
     #[command(flatten)]
-    options: RenderOptions,
+    pub(super) options: RenderOptions,
 }
 
 /// Steps of the cache of light before a picture: as many as frames take until a new view is lit.
@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<()> {
     let output = if kind == FileKind::Exr || averaged { Output::Radiance } else { Output::Display };
     let (mut renderer, steps) = machine.renderer(&loaded, &config, output)?;
     output::print_warnings(&renderer.take_notes());
-    let gaze = args.options.gaze().map(|gaze| plan.gaze_points(gaze)).unwrap_or_default();
+    let gaze = args.options.look.gaze.map(|gaze| plan.gaze_points(gaze)).unwrap_or_default();
 
     let mut frames = Vec::new();
     let mut sum = Sum::default();
@@ -138,7 +138,7 @@ fn file_kind(path: &std::path::Path) -> Result<FileKind> {
 }
 
 fn plan(options: &RenderOptions, config: &Config, loaded: &Loaded) -> Result<Plan> {
-    let (head, fov_y) = options.viewpoint(&loaded.scene, config)?;
+    let (head, fov_y) = options.view.viewpoint(&loaded.scene, config)?;
     plan_at(config, head, fov_y)
 }
 

@@ -11,12 +11,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::mock::stereo_defaults;
-use super::options::RenderOptions;
+use super::options::{Options, RenderOptions};
 use super::output;
 use crate::config::Layers;
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::openxr::{Fault, Runtime};
+use crate::scene::Scene;
 
 pub use present::Presentation;
 
@@ -29,12 +30,13 @@ pub struct Args {
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
     #[command(flatten)]
-    options: RenderOptions,
+    pub(super) options: RenderOptions,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     let (config, notes) = args.options.config_for_display(Layers::over(stereo_defaults()))?;
+    Scene::check(&args.scene)?;
     let stop = stop_signal()?;
     // Whether there is a headset is known at once, and a scene may take long.
     let runtime = Runtime::connect(config.headset.insets).map_err(Fault::into_error)?;
@@ -42,14 +44,14 @@ pub fn run(args: &Args) -> Result<()> {
     super::render::require_triangles(&args.scene, &loaded)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(&notes);
-    let (rest, _) = args.options.viewpoint(&loaded.scene, &config)?;
+    let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;
     let [width, height] = args.options.given_size()?;
     let presentation = Presentation {
         config: &config,
         loaded: &loaded,
         rest,
-        gaze: args.options.gaze(),
-        fov_y: args.options.fov_y(),
+        gaze: args.options.look.gaze,
+        fov_y: args.options.view.fov_y(),
         size: [width.map(|both| both.div_ceil(2)), height],
         frames: args.frames,
         quiet: args.options.config.json,

@@ -7,9 +7,7 @@ use std::path::PathBuf;
 use clap::{Args as ClapArgs, Subcommand};
 use serde::Serialize;
 
-use super::options::ConfigOptions;
 use super::output;
-use crate::config::Layers;
 use crate::error::{Error, Result};
 use crate::scene::generate;
 use crate::whole_file;
@@ -44,8 +42,9 @@ struct GenerateArgs {
     /// The .glb file to write.
     #[arg(long, value_name = "FILE.glb")]
     out: PathBuf,
-    #[command(flatten)]
-    options: ConfigOptions,
+    /// Print one JSON object on standard output instead of text, and errors as one on standard error.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -64,6 +63,16 @@ struct Generated {
     bytes: usize,
 }
 
+impl Args {
+    /// Whether the result is to be JSON.
+    pub fn json(&self) -> bool {
+        match &self.command {
+            Command::Info(args) => args.options.json,
+            Command::Generate(args) => args.json,
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     match &args.command {
@@ -73,14 +82,20 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 fn generate(args: &GenerateArgs) -> Result<()> {
-    args.options.layers(Layers::default())?.finish()?;
+    if args.out.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("glb")) {
+        let problem = format!(
+            "{} does not end in .glb, which is what is written; give such a name",
+            args.out.display()
+        );
+        return Err(Error::setting("--out", problem));
+    }
     whole_file::check(&args.out)?;
     let bytes = made(args).map_err(|error| match error {
         Error::Setting { key, problem } => Error::setting(format!("--{key}"), problem),
         other => other,
     })?;
     generate::write(&args.out, &bytes)?;
-    if args.options.json {
+    if args.json {
         return output::print_json(&Generated { out: args.out.display().to_string(), bytes: bytes.len() });
     }
     output::print_line(&format!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 * 1e-6))

@@ -4,15 +4,18 @@ mod line;
 mod view;
 
 use super::options::Overrides;
+use super::run::stop_signal;
 use crate::config::{Dk1Config, Layers};
 use crate::error::{Error, Result};
 use crate::headset::rift_dk1::device::{RECORDED_AHEAD, Received, Status, Tracker};
 use crate::headset::rift_dk1::fusion::{Fusion, Keepsake};
 use crate::headset::rift_dk1::recording::{Reader, Writer};
 use crate::headset::rift_dk1::report::SensorReport;
+use crate::places;
 use line::Line;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 use view::{Summary, View};
@@ -26,7 +29,8 @@ const LONG_PATIENCE: Duration = Duration::from_secs(8);
 /// Arguments of `foveate tracker`.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Args {
-    /// Write every report with its host time to FILE
+    /// Write every report with its host time to FILE,
+    /// when the run ends; a run without reports leaves what was there
     #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     pub record: Option<PathBuf>,
     /// Run a recording instead of a tracker; bare 62-byte reports (.dk1raw) will do
@@ -138,6 +142,7 @@ fn read_keepsake(path: &Path) -> Result<Keepsake> {
 /// Follows a tracker.
 fn live(args: &Args, config: &Dk1Config, out: &mut dyn Write) -> Result<()> {
     let mut writer = args.record.as_deref().map(Writer::create).transpose()?;
+    let stop = stop_signal()?;
     let (sender, received) = channel();
     let listener = Box::new(move |report: &Received| {
         // The other end is gone only when the command is ending.
@@ -150,7 +155,7 @@ fn live(args: &Args, config: &Dk1Config, out: &mut dyn Write) -> Result<()> {
     let mut view = View::new(std::io::stdout().is_terminal());
     let mut connected = false;
     let mut device_time = 0.0;
-    while end.is_none_or(|end| Instant::now() < end) {
+    while end.is_none_or(|end| Instant::now() < end) && !stop.load(Ordering::Relaxed) {
         std::thread::sleep(REFRESH);
         let reports = take_up(&received, writer.as_mut())?;
         connected |= !reports.is_empty();
@@ -163,11 +168,12 @@ fn live(args: &Args, config: &Dk1Config, out: &mut dyn Write) -> Result<()> {
             view.show(&tracker.snapshot(), out)
         };
         if !written(going_on.and_then(|()| out.flush()))? {
-            return Ok(());
+            break;
         }
     }
     drop(tracker);
-    take_up(&received, writer.as_mut()).map(|_| ())
+    take_up(&received, writer.as_mut())?;
+    writer.map_or(Ok(()), Writer::finish)
 }
 
 /// Empties the channel, and records what was in it.
@@ -177,7 +183,6 @@ fn take_up(received: &Receiver<Received>, mut writer: Option<&mut Writer>) -> Re
         for report in &reports {
             writer.add(report.host, &report.bytes)?;
         }
-        writer.flush()?;
     }
     Ok(reports)
 }
@@ -216,7 +221,7 @@ fn written(result: std::io::Result<()>) -> Result<bool> {
     match result {
         Ok(()) => Ok(true),
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
-        Err(error) => Err(Error::io(Path::new("standard output"), &error)),
+        Err(error) => Err(Error::writing(Path::new("standard output"), &error)),
     }
 }
 
@@ -226,10 +231,7 @@ pub(super) fn memory(config: &Dk1Config) -> Option<PathBuf> {
     if !config.memory.as_os_str().is_empty() {
         return Some(config.memory.clone());
     }
-    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    folder("XDG_STATE_HOME")
-        .or_else(|| folder("HOME").map(|home| home.join(".local/state")))
-        .map(|state| state.join("foveate"))
+    places::state().map(|state| state.join("foveate"))
 }
 
 #[cfg(test)]
@@ -254,7 +256,7 @@ mod tests {
         let args = Args { json: true, ..Args::default() };
         std::fs::write(&path, [7; 124]).unwrap();
         let problem = replay(&args, &path, &mut Vec::new()).unwrap_err().to_string();
-        assert!(problem.contains("none of its 2 records"), "{problem}");
+        assert!(problem.contains("no recording of a tracker"), "{problem}");
 
         let good = SensorReport { sample_count: 2, timestamp: 65_535, ..SensorReport::default() }.encode();
         let next = SensorReport { sample_count: 2, timestamp: 1, ..SensorReport::default() }.encode();

@@ -4,13 +4,12 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::time::Instant;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-
 use crate::bvh::WideBvh;
 use crate::bvh::cache::TreeCache;
 use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
 use crate::gpu::opencl::Device;
+use crate::progress;
 use crate::scene::sky::Sky;
 use crate::scene::{Environment, Scene};
 use crate::trace::SceneData;
@@ -83,11 +82,7 @@ fn tree_of(scene: &Scene) -> (WideBvh, bool) {
     let (positions, triangles) = (&scene.mesh.positions, &scene.mesh.triangles);
     let build = || {
         const STEPS: u64 = 1000;
-        let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
-        if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {percent} %, {elapsed}") {
-            bar.set_style(style);
-        }
-        bar.set_message("building the tree");
+        let bar = progress::bar(STEPS, "building the tree", "{msg} [{bar:30}] {percent} %, {elapsed}");
         let tree = WideBvh::build_and_tell(positions, triangles, &|done| {
             bar.set_position((done * STEPS as f64) as u64);
         });
@@ -100,8 +95,9 @@ fn tree_of(scene: &Scene) -> (WideBvh, bool) {
     }
 }
 
-/// Runs a step and times it.
+/// Runs a step under a line that names it, where standard error is a terminal, and times it.
 pub fn timed<T>(name: &'static str, run: impl FnOnce() -> Result<T>) -> Result<(T, Step)> {
+    let _line = progress::step(name);
     let start = Instant::now();
     let result = run()?;
     Ok((result, Step { name, ms: start.elapsed().as_secs_f64() * 1e3 }))

@@ -60,6 +60,11 @@ impl Scene {
         gltf::load(path)
     }
 
+    /// Tells whether a file can be read; see [`gltf::check`].
+    pub fn check(path: &Path) -> Result<()> {
+        gltf::check(path)
+    }
+
     /// Reads a binary glTF 2.0 file from memory; see [`gltf::load_glb`].
     pub fn from_glb(name: &Path, bytes: &[u8]) -> Result<Self> {
         gltf::load_glb(name, bytes)

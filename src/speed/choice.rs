@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::gpu::opencl::Device;
 use crate::isolated::{self, PATIENCE};
 use crate::private_file::{self, user_folder};
+use crate::progress;
 use crate::scene::Features;
 use crate::trace::source::{self, probe_text};
 use crate::trace::{Walk, Walks};
@@ -77,6 +78,7 @@ impl Choice {
         if let Some(findings) = path.as_deref().and_then(read) {
             return Choice::from_findings(findings, usual, Source::Kept);
         }
+        let _line = progress::step("measuring which kernels are faster here, once for this device");
         let found = match isolated::program() {
             Some(program) => trial::variants(program, device, PATIENCE),
             None => examine(device, &Walk::ALL),

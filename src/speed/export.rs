@@ -20,6 +20,9 @@ use crate::scene::Scene;
 use crate::trace::probe::{Probe, RayKind};
 use crate::whole_file;
 
+/// How such a file begins.
+pub const MAGIC: &[u8; 8] = b"FVRAYS01";
+
 /// Writes the file; `probe` has the workload loaded.
 ///
 /// # Errors
@@ -58,7 +61,7 @@ pub fn write(path: &Path, shape: &Scene, work: &Workload, probe: &Probe) -> Resu
     .map(|count| count as u32);
     whole_file::write(path, |file| {
         let parts: [&[u8]; 13] = [
-            b"FVRAYS01",
+            MAGIC,
             cast_slice(&counts),
             cast_slice(&eye),
             cast_slice(&shape.mesh.positions),

@@ -39,12 +39,32 @@ impl Scale {
     }
 }
 
+/// What the chart can show instead, and its files: the script fills them with life.
+pub fn tools() -> String {
+    let choice = |axis: &str, options: &[(&str, &str)]| {
+        let options: String =
+            options.iter().map(|(key, name)| format!("<option value=\"{key}\">{name}</option>")).collect();
+        format!("<label>{axis} <select id=\"axis-{axis}\">{options}</select></label> ")
+    };
+    let x = [("ms", "frame time (ms)"), ("samples", "samples"), ("rays", "rays")];
+    let y = [
+        ("score", "foveated score"),
+        ("psnr", "PSNR (dB)"),
+        ("flip", "FLIP"),
+        ("relmse", "relMSE"),
+        ("flicker", "temporal error"),
+    ];
+    choice("x", &x)
+        + &choice("y", &y)
+        + "<button type=\"button\" id=\"save-svg\">SVG</button> <button type=\"button\" id=\"save-png\">PNG</button>"
+}
+
 /// All points that are judged where they were traced, with a line through the front.
 pub fn svg(report: &Report) -> String {
     let shown = || report.points.iter().enumerate().filter(|(_, p)| p.axis != LATE);
     let scale = Scale::of(&shown().map(|(_, p)| p).collect::<Vec<_>>());
     let mut svg = format!(
-        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Frame time against foveated score\">\n"
+        "<svg id=\"chart\" xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Frame time against foveated score\">\n"
     );
     svg += &axes(&scale);
     let line: Vec<String> = report
@@ -120,8 +140,8 @@ fn mark(scale: &Scale, index: usize, p: &Point, labels: &mut Labels) -> String {
         _ => String::new(),
     };
     format!(
-        "<a href=\"#p{index}\" class=\"mark {class}\" data-point=\"{index}\"><title>{}: {:.1} ms, score {:.2}</title>{whiskers}{shape}{label}</a>\n",
-        super::page::escaped(&p.name),
+        "<a href=\"#p{index}\" class=\"mark {class}\" data-point=\"{index}\"><title>{}: {:.1} ms, foveated score {:.2}</title>{whiskers}{shape}{label}</a>\n",
+        super::page::escaped(&p.title()),
         p.frame_ms,
         p.foveated_score
     )

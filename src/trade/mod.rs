@@ -7,9 +7,11 @@ pub mod effort;
 mod judge;
 pub mod merge;
 mod page;
+mod provenance;
 mod reference;
 pub mod report;
 mod rivals;
+mod spread;
 mod store;
 pub mod sweep;
 

@@ -10,7 +10,10 @@ for (const seen of all(".seen")) {
   const own = img.src;
   const show = (source) => () => { img.src = source; };
   if (!reference) continue;
+  seen.tabIndex = 0;
   seen.addEventListener("pointerdown", show(reference.src));
+  seen.addEventListener("keydown", (event) => { if (event.key === "Enter") show(reference.src)(); });
+  for (const end of ["keyup", "blur"]) seen.addEventListener(end, show(own));
   for (const end of ["pointerup", "pointerleave", "pointercancel"]) seen.addEventListener(end, show(own));
 }
 
@@ -59,6 +62,14 @@ if (reference) {
   };
   wipe.addEventListener("pointermove", move);
   wipe.addEventListener("pointerdown", move);
+  wipe.addEventListener("keydown", (event) => {
+    const step = { ArrowLeft: -5, ArrowDown: -5, ArrowRight: 5, ArrowUp: 5 }[event.key];
+    if (!step) return;
+    const at = Math.min(Math.max(parseFloat(wipe.style.getPropertyValue("--at") || "50") + step, 0), 100);
+    wipe.style.setProperty("--at", `${at}%`);
+    wipe.setAttribute("aria-valuenow", at);
+    event.preventDefault();
+  });
   choose(0);
 }
 
@@ -89,6 +100,10 @@ for (const mark of all(".mark")) {
 // A click on a heading sorts all points by it.
 const table = find("#points");
 const heads = [...table.tHead.rows[0].cells];
+heads.forEach((head) => {
+  head.tabIndex = 0;
+  head.addEventListener("keydown", (event) => { if (event.key === "Enter") head.click(); });
+});
 heads.forEach((head, column) => head.addEventListener("click", () => {
   const rows = [...table.tBodies[0].rows];
   const key = (row) => {
@@ -102,3 +117,85 @@ heads.forEach((head, column) => head.addEventListener("click", () => {
   rows.sort((a, b) => (up ? order(a, b) : order(b, a)));
   table.tBodies[0].append(...rows);
 }));
+
+// Other axes: marks move, and the lines that hold for time and score alone go.
+const svg = find("#chart"), area = { left: 56, right: 844, top: 16, bottom: 392 };
+const homes = new Map(all(".mark").map((mark) => {
+  const box = mark.querySelector(".shape").getBBox();
+  return [mark, [box.x + box.width / 2, box.y + box.height / 2]];
+}));
+const usual = svg.querySelector(".axes").innerHTML;
+const element = (name, attributes, text) => {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (text !== undefined) made.textContent = text;
+  return made;
+};
+const scale = (key, low, high) => {
+  const log = ["ms", "samples", "rays", "relmse"].includes(key), form = (v) => (log ? Math.log(Math.max(v, 1e-6)) : v);
+  const values = [...homes.keys()].map((mark) => form(points[mark.dataset.point][key]));
+  const least = Math.min(...values), pad = 0.06 * (Math.max(...values) - least) || 0.5;
+  const from = least - pad, to = Math.max(...values) + pad;
+  const ticks = [0.1, 0.3, 0.5, 0.7, 0.9].map((t) => from + t * (to - from));
+  return {
+    place: (v) => low + (form(v) - from) / (to - from) * (high - low),
+    ticks: ticks.map((t) => Number((log ? Math.exp(t) : t).toPrecision(3))),
+  };
+};
+const axis = (name) => find(`#axis-${name}`);
+const redraw = () => {
+  const [x, y] = [axis("x"), axis("y")], home = x.value === "ms" && y.value === "score";
+  const axes = svg.querySelector(".axes");
+  for (const line of svg.querySelectorAll(".front, .whisker")) line.style.display = home ? "" : "none";
+  if (home) {
+    axes.innerHTML = usual;
+    for (const mark of homes.keys()) mark.removeAttribute("transform");
+    return;
+  }
+  const across = scale(x.value, area.left, area.right), up = scale(y.value, area.bottom, area.top);
+  axes.replaceChildren();
+  for (const tick of across.ticks) {
+    axes.append(element("path", { d: `M${across.place(tick)} ${area.bottom}V${area.top}` }),
+      element("text", { x: across.place(tick), y: area.bottom + 18, "text-anchor": "middle" }, tick));
+  }
+  for (const tick of up.ticks) {
+    axes.append(element("path", { d: `M${area.left} ${up.place(tick)}H${area.right}` }),
+      element("text", { x: area.left - 8, y: up.place(tick) + 4, "text-anchor": "end" }, tick));
+  }
+  const named = (select) => select.selectedOptions[0].textContent;
+  axes.append(element("text", { x: 450, y: 432, "text-anchor": "middle" }, named(x)),
+    element("text", { transform: "translate(12 204) rotate(-90)", "text-anchor": "middle" }, named(y)));
+  for (const [mark, [left, top]] of homes) {
+    const p = points[mark.dataset.point];
+    mark.setAttribute("transform", `translate(${across.place(p[x.value]) - left} ${up.place(p[y.value]) - top})`);
+  }
+};
+for (const name of ["x", "y"]) axis(name).addEventListener("change", redraw);
+
+// The chart as a file of its own, with the page's styles and where it comes from.
+const drawing = () => {
+  const copy = svg.cloneNode(true);
+  copy.setAttribute("width", 860);
+  copy.setAttribute("height", 440);
+  copy.prepend(element("desc", {}, all("dl dt").map((dt) => `${dt.textContent}: ${dt.nextElementSibling.textContent}`).join("\n")),
+    element("style", {}, find("style").textContent + "svg { background: var(--paper); }"));
+  return new XMLSerializer().serializeToString(copy);
+};
+const save = (blob, name) => {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+};
+find("#save-svg").addEventListener("click", () => save(new Blob([drawing()], { type: "image/svg+xml" }), "trade.svg"));
+find("#save-png").addEventListener("click", () => {
+  const image = new Image();
+  image.onload = () => {
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [1720, 880];
+    canvas.getContext("2d").drawImage(image, 0, 0, 1720, 880);
+    canvas.toBlob((blob) => save(blob, "trade.png"));
+  };
+  image.src = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(drawing());
+});

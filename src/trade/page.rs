@@ -74,7 +74,7 @@ fn about(report: &Report) -> String {
             ),
         ),
         (
-            "machine",
+            "steadiness",
             format!(
                 "between points frames of the given settings took {:.0} to {:.0} % of their median (10th to 90th percentile); that is taken out of all times",
                 100.0 * drift[0],
@@ -82,17 +82,20 @@ fn about(report: &Report) -> String {
             ),
         ),
     ];
-    let rows: String = rows.iter().map(|(key, text)| format!("<dt>{key}</dt><dd>{text}</dd>\n")).collect();
+    let origin = report.provenance.rows().into_iter().map(|(key, text)| (key, escaped(&text)));
+    let rows = rows.into_iter().chain(origin);
+    let rows: String = rows.map(|(key, text)| format!("<dt>{key}</dt><dd>{text}</dd>\n")).collect();
     format!("<dl>\n{rows}</dl>\n")
 }
 
 fn front(report: &Report) -> String {
     format!(
-        "<section>\n<h2>The front</h2>\n<p>{}</p>\n<div class=\"chart\">{}<div id=\"tip\" hidden></div></div>\n<p class=\"legend\"><span class=\"given\">as given</span>\
-         <span class=\"best\">on the front: nothing is at least as fast and as good</span>\
+        "<section>\n<h2>Pareto front</h2>\n<p>{}</p>\n<p class=\"tools\">{}</p>\n<div class=\"chart\">{}<div id=\"tip\" hidden></div></div>\n<p class=\"legend\"><span class=\"given\">as given</span>\
+         <span class=\"best\">on the Pareto front: nothing is at least as fast and as good; differences from the given settings within the spread do not count</span>\
          <span class=\"point\">other settings</span><span class=\"rival\">what others do</span> \
          Whiskers: 10th to 90th percentile of frame times; standard error of the score's distance from that of the given settings, over poses and gazes.</p>\n</section>\n",
         gist(report),
+        chart::tools(),
         chart::svg(report)
     )
 }
@@ -128,7 +131,7 @@ fn data(report: &Report) -> String {
     let point = |p: &Point| {
         serde_json::json!({
             "name": p.name, "ms": p.frame_ms, "score": p.foveated_score, "psnr": p.psnr, "flip": p.flip,
-            "flicker": p.flicker, "samples": p.samples, "rays": p.rays, "front": p.on_front, "config": p.config,
+            "flicker": p.flicker, "relmse": p.relmse, "samples": p.samples, "rays": p.rays, "front": p.on_front, "config": p.config,
         })
     };
     let points: Vec<serde_json::Value> = report.points.iter().map(point).collect();
@@ -140,12 +143,13 @@ fn data(report: &Report) -> String {
 fn notes(report: &Report) -> String {
     format!(
         "<section>\n<h2>How to read it</h2>\n<ul>\n\
-         <li><b>ms</b>: wall time of a whole frame, both eyes, pictures as four floats a pixel, while the gaze rests, steadied by frames of the given settings before and after; a new gaze costs \"new gaze ms\" besides.\n\
-         <li><b>score</b>: 10 / (1 + d/4) with d the foveated difference in thresholds of contrast: luminance bands of a Laplacian pyramid, \
+         <li><b>frame time</b>: wall time of a whole frame, both eyes, pictures as four floats a pixel, while the gaze rests, steadied by frames of the given settings before and after; a new gaze costs \"new gaze\" besides. It is coloured where the 10th to 90th percentiles of both do not overlap. \
+         \"At equal cost\" is within 5 % of the given settings' time; what missed that says so.\n\
+         <li><b>foveated score</b>: 10 / (1 + d/4) with d the foveated difference in thresholds of contrast: luminance bands of a Laplacian pyramid, \
          thresholds by frequency and eccentricity (Geisler and Perry 1998; Wang et al. 2001), masking (Daly 1993). \
          It depends on gaze, field of view and pixels per degree ({:.1} here). It is not a JOD: no observers were asked.\n\
          <li><b>PSNR</b>: in linear light up to display white. <b>relMSE</b>: in linear light of any brightness. <b>FLIP</b>: of what a screen shows (Andersson et al. 2020).\n\
-         <li><b>flicker</b>: how much the error changes between two frames of a moving head; <b>eyes</b>: how much both eyes' errors differ \
+         <li><b>temporal error</b> (flicker): how much the error changes between two frames of a moving head; <b>binocular error</b>: how much both eyes' errors differ \
          where they see the same; both the root of mean squares in sRGB codes of 0 to 1.\n\
          <li><b>late correction</b>: pictures traced where the head was a frame before they are shown, against what is seen from where \
          it is by then; all other points are judged where they were traced.\n\

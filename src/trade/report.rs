@@ -4,10 +4,11 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::provenance::Provenance;
 pub use super::reference::ReferenceError;
 use super::rivals::AT_EQUAL_COST;
 use super::store::write_bytes;
-use super::{candidate, page};
+use super::{candidate, page, spread};
 use crate::config::OperatingPoint;
 use crate::error::{Error, Result};
 use crate::frame::front::{on_front, with_ladder};
@@ -62,6 +63,12 @@ pub struct Point {
     pub disagreement: Option<f64>,
     /// Nothing else that was measured is at least as fast and as good.
     pub on_front: bool,
+    /// Its frame time over that of the given settings.
+    #[serde(default)]
+    pub cost: f64,
+    /// For what was made to cost as much as the given settings: whether it does, within 5 %.
+    #[serde(default)]
+    pub at_equal_cost: Option<bool>,
     /// What the budget controller takes of it; none for what others do.
     pub operating: Option<OperatingPoint>,
 }
@@ -90,6 +97,9 @@ pub struct Report {
     pub scene: String,
     /// Its triangles.
     pub triangles: usize,
+    /// Program, time and machine.
+    #[serde(default)]
+    pub provenance: Provenance,
     /// What traces, what reconstructs, and how samples get from one to the other.
     pub device: String,
     /// Pixels across and down, both eyes together.
@@ -107,6 +117,16 @@ pub struct Report {
     pub light_left_out: Vec<LeftOut>,
     /// Everything that was measured; the given settings first.
     pub points: Vec<Point>,
+}
+
+impl Point {
+    /// Its name; where it was to cost as much as the given settings and does not, that is said.
+    pub fn title(&self) -> String {
+        match self.at_equal_cost {
+            Some(false) => format!("{} (missed: {:.2} times the cost)", self.name, self.cost),
+            _ => self.name.clone(),
+        }
+    }
 }
 
 impl Report {
@@ -136,17 +156,28 @@ impl Report {
     }
 
     /// Marks the points on the front: among those that aim at the picture of the given settings, with as
-    /// many bounces of light.
+    /// many bounces of light, and differ from them by more than the spread of what was measured.
     pub fn mark_front(&mut self) {
         let races: Vec<bool> =
             self.points.iter().map(|p| p.operating.is_some() && self.same_aim(p)).collect();
-        let value = |(point, races): (&Point, &bool)| match races {
-            true => (point.frame_ms, point.foveated_score),
-            false => (f64::NAN, f64::NAN),
+        let given = self.points[0].clone();
+        let value = |(point, races): (&Point, &bool)| {
+            let standing = races.then(|| spread::standing(&given, point)).flatten();
+            standing.unwrap_or((f64::NAN, f64::NAN))
         };
         let values: Vec<(f64, f64)> = self.points.iter().zip(&races).map(value).collect();
         for (point, on_front) in self.points.iter_mut().zip(on_front(&values)) {
             point.on_front = on_front;
+        }
+    }
+
+    /// Finds what points cost, and whether those that were to cost as much as the given settings do.
+    pub fn find_costs(&mut self) {
+        let given = self.points.first().map_or(0.0, |p| p.frame_ms).max(1e-9);
+        for point in &mut self.points {
+            point.cost = point.frame_ms / given;
+            point.at_equal_cost =
+                point.name.ends_with(AT_EQUAL_COST).then(|| (point.cost - 1.0).abs() <= spread::EQUAL);
         }
     }
 
@@ -196,17 +227,18 @@ impl Report {
     /// One line for each point.
     fn csv(&self) -> String {
         let mut text = String::from(
-            "name,axis,frame_ms,frame_ms_p10,frame_ms_p90,pattern_ms,samples,rays,psnr,psnr_display,relmse,\
+            "name,axis,frame_ms,frame_ms_p10,frame_ms_p90,cost,pattern_ms,samples,rays,psnr,psnr_display,relmse,\
              flip,foveated_score,foveated_score_error,flicker,disagreement,on_front\n",
         );
         for p in &self.points {
             text += &format!(
-                "\"{}\",{},{:.3},{:.3},{:.3},{:.3},{},{},{:.3},{:.3},{:.6},{:.5},{:.4},{:.4},{:.6},{},{}\n",
+                "\"{}\",{},{:.3},{:.3},{:.3},{:.3},{:.3},{},{},{:.3},{:.3},{:.6},{:.5},{:.4},{:.4},{:.6},{},{}\n",
                 p.name.replace('"', "\"\""),
                 p.axis,
                 p.frame_ms,
                 p.frame_ms_p10,
                 p.frame_ms_p90,
+                p.cost,
                 p.pattern_ms,
                 p.samples,
                 p.rays,
@@ -234,15 +266,23 @@ impl Report {
         struct File {
             budget: Budget,
         }
-        let points: Vec<OperatingPoint> = self.points.iter().filter_map(|p| p.operating).collect();
+        let given = &self.points[0];
+        let told = self.points.iter().filter(|p| spread::standing(given, p).is_some());
+        let points: Vec<OperatingPoint> = told.filter_map(|p| p.operating).collect();
         let front: Vec<OperatingPoint> = self.front().iter().filter_map(|p| p.operating).collect();
         let front = points.first().map_or(Vec::new(), |given| with_ladder(&points, &front, given));
         let text = toml::to_string(&File { budget: Budget { front } })
             .map_err(|e| Error::setting("front.toml", format!("the front cannot be written: {e}")))?;
+        let origin: String = self
+            .provenance
+            .rows()
+            .iter()
+            .map(|(name, value)| format!("# {name}: {}\n", one_line(value)))
+            .collect();
         Ok(format!(
             "# The Pareto front of {} on {}, {}x{}: milliseconds of a frame against the\n\
              # foveated score. Written by foveate measure; give it with --config, and a --target-ms where nothing\n\
-             # is displayed.\n\n{text}",
+             # is displayed. Points that cannot be told from the given settings are left out.\n{origin}\n{text}",
             one_line(&self.scene),
             one_line(&self.device),
             self.size[0],
@@ -262,7 +302,7 @@ impl Report {
             text += &format!(
                 "| {} | {} | {:.0} ({:.0} to {:.0}) | {:.2} | {:.4} | {:.4} | {:.2} | {:.4} | {} |\n",
                 one_line(&self.scene),
-                if p.axis == candidate::GIVEN { "foveate" } else { &p.name },
+                if p.axis == candidate::GIVEN { "foveate".to_string() } else { p.title() },
                 p.frame_ms,
                 p.frame_ms_p10,
                 p.frame_ms_p90,
@@ -319,6 +359,8 @@ pub mod tests {
             flicker: 0.01,
             disagreement: None,
             on_front: false,
+            cost: 1.0,
+            at_equal_cost: None,
             operating: Some(OperatingPoint::of(&Config::default(), 1000, frame_ms, foveated_score)),
         }
     }
@@ -328,6 +370,7 @@ pub mod tests {
         Report {
             scene: scene.to_string(),
             triangles: 2,
+            provenance: Provenance::now(vec!["a driver 1.0".to_string()], "0123".to_string()),
             device: "a device".to_string(),
             size: [4, 2],
             pixels_per_degree: 2.0,

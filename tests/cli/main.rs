@@ -59,13 +59,24 @@ impl Run {
         value
     }
 
-    /// It said one sentence, did nothing else, and exited with 1. Returns the sentence.
-    fn sentence(&self) -> &str {
+    /// It failed as a program reads it: one JSON object on standard error. Returns its code and its message.
+    fn refusal(&self) -> (String, String) {
+        assert_eq!((self.code, self.out.as_str(), self.err.lines().count()), (Some(1), "", 1), "{self:?}");
+        let told: Value = serde_json::from_str(&self.err).unwrap_or_else(|e| panic!("{e}: {self:?}"));
+        let text = |key: &str| told["error"][key].as_str().unwrap().to_string();
+        (text("code"), text("message"))
+    }
+
+    /// It said one sentence, did nothing else, and exited with 1. Returns the sentence, as it is told without --json.
+    fn sentence(&self) -> String {
+        if self.err.starts_with('{') {
+            return format!("foveate: {}", self.refusal().1);
+        }
         assert_eq!((self.code, self.out.as_str()), (Some(1), ""), "{self:?}");
         let (first, rest) = self.err.split_once('\n').expect("a line");
         assert!(first.starts_with("foveate: ") && first.len() > 20 && rest.is_empty(), "{self:?}");
         assert!(!first.contains("os error"), "says what the system says, not what to do: {first}");
-        first
+        first.to_string()
     }
 }
 

@@ -273,3 +273,36 @@ fn presets_are_known_by_name() {
     let run = foveate(folder.path(), "render scene.glb --out a.png --preset best");
     assert!(run.sentence().contains("choose one of fast, balanced, accurate"), "{run:?}");
 }
+
+#[test]
+fn frames_of_an_earlier_run_are_not_left_among_new_ones() {
+    let folder = folder();
+    let run = |frames: u32| {
+        let small = "--width 64 --height 24 --rays 1";
+        foveate(folder.path(), &format!("mock scene.glb --out it --frames {frames} {small}")).succeeds();
+        names(&folder.path().join("it"))
+    };
+    assert_eq!(run(3).iter().filter(|name| name.starts_with("frame_")).count(), 3);
+    std::fs::write(folder.path().join("it/frame_of_mine.png"), "kept").unwrap();
+    let left = run(1);
+    let numbered = |name: &&String| name.starts_with("frame_0");
+    assert_eq!(left.iter().filter(numbered).count(), 1, "{left:?}");
+    assert!(left.contains(&"frame_of_mine.png".to_string()), "{left:?}");
+    // Where no run of this program has been, pictures are somebody else's.
+    std::fs::create_dir(folder.path().join("other")).unwrap();
+    std::fs::write(folder.path().join("other/frame_0007.png"), "kept").unwrap();
+    foveate(folder.path(), "mock scene.glb --out other --frames 1 --width 64 --height 24 --rays 1")
+        .succeeds();
+    assert_eq!(std::fs::read(folder.path().join("other/frame_0007.png")).unwrap(), b"kept");
+}
+
+#[test]
+fn small_pictures_have_a_share_of_their_pixels_as_samples() {
+    let folder = folder();
+    let told = foveate(folder.path(), "mock scene.glb --out it --frames 1 --width 320 --height 100 --json");
+    let told = told.succeeds().json();
+    assert_eq!((&told["pixels"], &told["samples"]), (&json!(32_000), &json!(2 * 864)), "{told}");
+    let told = foveate(folder.path(), "demo scene.glb --out shown --width 64 --height 24 --json");
+    let told = told.succeeds().json();
+    assert_eq!((&told["width"], &told["height"]), (&json!(64), &json!(24)), "{told}");
+}

@@ -34,6 +34,8 @@ fn settings_that_do_not_fit_are_refused_by_the_name_they_were_given() {
         ("--environment scene.glb", "scene.glb: its name ends neither in .hdr nor in .exr"),
         ("--device voodoo2", "none is called \"voodoo2\"; `foveate devices` lists them"),
         ("--set devices.vulkan=voodoo2", "voodoo2"),
+        ("--devices 99", "none is called \"99\""),
+        ("--set trace.rays=many", "expected a whole number"),
         ("--set trace.rayz=3", "rayz"),
         ("--set trace.rays", "not key=value"),
         ("--set foveation.law.exponent=2", "exponent: 2 is out of range"),
@@ -46,7 +48,7 @@ fn settings_that_do_not_fit_are_refused_by_the_name_they_were_given() {
         let run = foveate(folder.path(), &format!("{view} {flags}"));
         assert!(run.sentence().contains(part), "{flags}: {run:?}");
         let run = foveate(folder.path(), &format!("{view} {flags} --json"));
-        assert!(run.sentence().contains(part), "{flags}: {run:?}");
+        assert!(run.refusal().1.contains(part), "{flags}: {run:?}");
     }
     assert!(!folder.path().join("it.png").exists());
 }
@@ -94,9 +96,12 @@ fn help_tells_of_every_command_and_the_version() {
     {
         let run = foveate(here, &format!("{command} --help")).succeeds();
         assert!(run.out.contains("Usage: foveate"), "{run:?}");
-        if !["", "scene"].contains(&command) {
-            assert!(["--json", "--config", "--set"].iter().all(|flag| run.out.contains(flag)), "{run:?}");
-        }
+        let flags: &[&str] = match command {
+            "" | "scene" => &[],
+            "scene generate" => &["--json"],
+            _ => &["--json", "--config", "--set"],
+        };
+        assert!(flags.iter().all(|flag| run.out.contains(flag)), "{run:?}");
     }
     assert!(foveate(here, "--version").succeeds().out.contains(env!("CARGO_PKG_VERSION")));
 }
@@ -133,7 +138,7 @@ fn scenes_that_cannot_be_used_are_told_and_what_was_there_stays() {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
     write("empty.gltf", br#"{"asset":{"version":"2.0"}}"#);
     write("nothing.glb", b"");
-    write("old.png", b"a picture of an earlier day");
+    write("old.png", b"\x89PNG, a picture of an earlier day");
     std::fs::create_dir(folder.path().join("dir.gltf")).unwrap();
     for (scene, part) in [
         ("none.glb", "none.glb: there is no such file"),
@@ -148,7 +153,10 @@ fn scenes_that_cannot_be_used_are_told_and_what_was_there_stays() {
             assert!(run.sentence().contains(part), "{run:?}");
         }
     }
-    assert_eq!(std::fs::read(folder.path().join("old.png")).unwrap(), b"a picture of an earlier day");
+    assert_eq!(
+        std::fs::read(folder.path().join("old.png")).unwrap(),
+        b"\x89PNG, a picture of an earlier day"
+    );
     assert!(!folder.path().join("frames").exists());
     let info = foveate(folder.path(), "scene info empty.gltf --json").succeeds().json();
     assert_eq!((&info["triangles"], info["bounds"].is_null()), (&json!(0), true));
@@ -194,4 +202,91 @@ fn malformed_and_unsupported_files_make_a_picture_or_one_sentence() {
         }
     }
     assert!(scenes.is_empty() || refused > 5, "{refused} of {} are refused", scenes.len());
+}
+
+/// A diary under the name of an output stays a diary, whatever the command.
+#[test]
+fn files_of_another_kind_are_not_overwritten() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::create_dir(path("used")).unwrap();
+    let small = "--width 32 --height 20 --rays 1";
+    for (file, arguments) in [
+        ("it.png", format!("render scene.glb --out it.png {small}")),
+        ("it.exr", format!("render scene.glb --out it.exr {small}")),
+        ("it.glb", "scene generate demo --out it.glb".to_string()),
+        ("it.rec", "tracker --record it.rec --seconds 1".to_string()),
+        ("rays.bin", format!("bench scene.glb --export rays.bin --width 32 --height 20")),
+        ("used/contact_sheet.png", format!("mock scene.glb --out used --frames 1 {small}")),
+        ("used/preview.gif", format!("demo scene.glb --out used {small}")),
+    ] {
+        std::fs::write(path(file), "a diary").unwrap();
+        let run = foveate(folder.path(), &arguments);
+        assert!(run.sentence().contains("is there already and is no"), "{run:?}");
+        assert_eq!(std::fs::read(path(file)).unwrap(), b"a diary", "{arguments}");
+        std::fs::remove_file(path(file)).unwrap();
+    }
+    assert!(names(&path("used")).is_empty());
+}
+
+#[test]
+fn a_tracker_that_is_not_there_leaves_the_recording_of_before() {
+    let folder = folder();
+    let path = folder.path().join("head.rec");
+    let before = [b"foveate dk1 1.0\n".to_vec(), vec![0; 70]].concat();
+    std::fs::write(&path, &before).unwrap();
+    let run = foveate(folder.path(), "tracker --record head.rec --seconds 1");
+    // With a tracker there would be a new recording, and that is right.
+    if run.code != Some(0) {
+        assert!(std::fs::read(&path).unwrap() == before, "{run:?}");
+    }
+    assert_eq!(names(folder.path()), ["head.rec", "scene.glb"]);
+}
+
+#[test]
+fn what_is_no_recording_is_not_replayed() {
+    let folder = folder();
+    foveate(folder.path(), "scene generate demo --out demo.glb").succeeds();
+    for file in ["demo.glb", "scene.glb"] {
+        let run = foveate(folder.path(), &format!("tracker --replay {file} --json"));
+        let (code, message) = run.refusal();
+        assert!(code == "file" && message.contains("is no recording of a tracker"), "{run:?}");
+    }
+}
+
+/// Each command takes the flags that it obeys, and no others.
+#[test]
+fn commands_refuse_flags_that_would_mean_nothing() {
+    let folder = folder();
+    for arguments in [
+        "scene generate demo --out a.glb --devices 0",
+        "scene generate demo --out a.glb --target-ms 5",
+        "scene info scene.glb --preset fast",
+        "devices --target-ms 5",
+        "devices --preset fast",
+        "tracker --devices 0",
+        "tracker --target-ms 5",
+        "bench scene.glb --rays 3",
+        "bench scene.glb --target-ms 5",
+        "measure scene.glb --out it --gaze 0,0",
+        "measure scene.glb --out it --target-score 9",
+    ] {
+        let run = foveate(folder.path(), arguments);
+        assert!(run.code == Some(2) && run.err.contains("unexpected argument"), "{arguments}: {run:?}");
+    }
+    for (arguments, flag) in [
+        ("render scene.glb --out a.png --devices ", "--devices"),
+        ("demo scene.glb --window --gaze 0.1,0.1", "--gaze"),
+        ("demo scene.glb --window --position 1,1,1", "--position"),
+        ("demo scene.glb --headset dk1 --fov-y 60", "--fov-y"),
+    ] {
+        let mut command = command(folder.path(), arguments);
+        if arguments.ends_with(' ') {
+            command.arg("");
+        }
+        assert!(run(command).sentence().starts_with(&format!("foveate: {flag}: ")), "{arguments}");
+    }
+    let run = foveate(folder.path(), "scene generate demo --out a.png");
+    assert!(run.sentence().contains("does not end in .glb"), "{run:?}");
+    assert_eq!(names(folder.path()), ["scene.glb"]);
 }

@@ -21,18 +21,22 @@ fn devices_are_listed_with_what_is_used_and_why() {
     assert_eq!(told["problems"], json!([]));
     let name = told["opencl"][0]["name"].as_str().unwrap();
     assert!(foveate(here, "devices").succeeds().out.contains(name));
-    let unknown = foveate(here, "devices --json --set devices.opencl=voodoo2").succeeds().json();
+    let unknown = foveate(here, "devices --json --set devices.opencl=voodoo2");
+    assert_eq!(unknown.code, Some(1), "{unknown:?}");
+    let unknown = unknown.json();
     assert!(unknown["problems"][0].as_str().unwrap().contains("voodoo2"), "{unknown}");
 }
 
 #[test]
 fn a_machine_without_drivers_is_told_what_to_install() {
     let folder = folder();
-    let told = without_drivers(folder.path(), "devices --json").succeeds().json();
+    let run = without_drivers(folder.path(), "devices --json");
+    assert_eq!(run.code, Some(1), "nothing can be used: {run:?}");
+    let told = run.json();
     assert_eq!((&told["opencl"], &told["vulkan"], &told["sharing"]), (&json!([]), &json!([]), &Value::Null));
     let problems = told["problems"].as_array().unwrap();
     assert_eq!(problems.len(), 2, "{told}");
-    let text = without_drivers(folder.path(), "devices").succeeds().out;
+    let text = without_drivers(folder.path(), "devices").out;
     assert!(problems.iter().all(|problem| text.contains(problem.as_str().unwrap())), "{text}");
     for arguments in
         ["render scene.glb --out it.png", "mock scene.glb --out it", "scene info scene.glb", "demo --out it"]
@@ -78,14 +82,14 @@ fn output_that_cannot_be_written_is_told() {
 #[test]
 fn a_file_that_does_not_fit_on_the_disk_leaves_the_old_one() {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("it.glb"), "the old one").unwrap();
+    std::fs::write(folder.path().join("it.glb"), "glTF, the old one").unwrap();
     let line =
         "trap '' XFSZ; ulimit -f 512; exec $F scene generate voxel-town --triangles 12000 --out it.glb";
     let run = shell(folder.path(), line);
     assert_eq!((run.code, run.out.as_str()), (Some(1), ""), "{run:?}");
-    assert!(run.err.starts_with("foveate: it.glb: it cannot be written (File too large"), "{run:?}");
+    assert!(run.err.starts_with("foveate: it.glb: files may not become so large here"), "{run:?}");
     assert_eq!(names(folder.path()), ["it.glb"]);
-    assert_eq!(std::fs::read(folder.path().join("it.glb")).unwrap(), b"the old one");
+    assert_eq!(std::fs::read(folder.path().join("it.glb")).unwrap(), b"glTF, the old one");
 }
 
 #[cfg(unix)]
@@ -111,4 +115,60 @@ fn pipes_and_devices_in_the_place_of_files_are_refused() {
         let sentence = run.sentence();
         assert!(sentence.contains("not a regular file") || sentence.contains("not a file"), "{run:?}");
     }
+}
+
+/// A home that cannot be written takes no driver away, and is said.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_home_that_cannot_be_written_takes_no_driver_away() {
+    let folder = folder();
+    let runtime = folder.path().join("runtime");
+    std::fs::create_dir(&runtime).unwrap();
+    // Not even root makes a folder below a file.
+    for home in ["/dev/null", "/dev/null/home"] {
+        let mut command =
+            command(folder.path(), "render scene.glb --out it.png --width 32 --height 20 --rays 1");
+        command.env("HOME", home).env("XDG_RUNTIME_DIR", &runtime).env_remove("XDG_CACHE_HOME");
+        command.env_remove("POCL_CACHE_DIR");
+        let run = run(command);
+        assert_eq!(run.code, Some(0), "{run:?}");
+        assert!(run.err.starts_with("foveate: note: caches cannot be kept in /dev/null"), "{run:?}");
+        assert!(run.err.lines().count() == 1 && run.err.contains("XDG_CACHE_HOME"), "{run:?}");
+    }
+    assert!(runtime.join("foveate-cache").is_dir());
+}
+
+/// What is wrong with the scene is told before what the machine lacks.
+#[test]
+fn a_scene_that_is_not_there_comes_before_a_missing_headset() {
+    let folder = folder();
+    for arguments in ["run nope.glb", "demo nope.glb --out it", "mock nope.glb --out it"] {
+        let run = without_drivers(folder.path(), arguments);
+        assert!(run.sentence().contains("nope.glb: there is no such file"), "{run:?}");
+    }
+}
+
+/// On a terminal each step of loading is named while it lasts.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_terminal_is_told_what_is_waited_for() {
+    let folder = folder();
+    // `script` runs it on a terminal of its own.
+    let line = "XDG_CACHE_HOME=$PWD/cache TERM=xterm exec script -qec \
+                \"$F mock scene.glb --out it --frames 2 --width 64 --height 24 --rays 1\" /dev/null";
+    let told = shell(folder.path(), line);
+    assert_eq!(told.code, Some(0), "{told:?}");
+    for step in ["kernels and upload", "measuring which kernels are faster", "first frames", "frames ["] {
+        assert!(told.out.contains(step), "{step}: {told:?}");
+    }
+    // Elsewhere nothing of it is in the way.
+    foveate(folder.path(), "mock scene.glb --out it --frames 2 --width 64 --height 24 --rays 1").succeeds();
+}
+
+#[test]
+fn the_version_tells_what_it_was_built_from() {
+    let told = foveate(Path::new("."), "--version").succeeds().out;
+    let version =
+        told.trim().strip_prefix(concat!("foveate ", env!("CARGO_PKG_VERSION"), " (")).expect("the version");
+    assert!(version.starts_with("development build)") || version.starts_with("commit "), "{told}");
 }

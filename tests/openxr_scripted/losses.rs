@@ -102,7 +102,9 @@ fn a_runtime_that_never_works_ends_in_one_sentence() {
         let Some(run) = run(&script, 5, "") else { return };
         assert_eq!((run.code, run.out.as_str()), (Some(1), ""), "{call}: {}", run.said);
         let last = run.said.trim_end().lines().last().unwrap();
-        assert!(last.starts_with("foveate: ") && last.len() > 40, "{call}: {}", run.said);
+        let told: serde_json::Value = serde_json::from_str(last).unwrap_or_default();
+        let message = told["error"]["message"].as_str().unwrap_or_default();
+        assert!(message.len() > 40, "{call}: {}", run.said);
         assert_eq!(run.log.violations(), Vec::<String>::new(), "{call}");
         assert_eq!(run.log.leftovers(), Vec::<String>::new(), "{call}: {}", run.said);
     }

@@ -9,6 +9,7 @@ mod cycles;
 mod depth;
 mod extras;
 mod frames;
+#[cfg(unix)]
 mod keyboard;
 mod losses;
 mod moments;

@@ -21,7 +21,7 @@ pub struct Args {
     /// A glTF 2.0 file, .gltf or .glb.
     scene: PathBuf,
     #[command(flatten)]
-    options: ConfigOptions,
+    pub(super) options: ConfigOptions,
 }
 
 #[derive(Serialize)]

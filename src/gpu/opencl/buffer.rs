@@ -3,7 +3,6 @@
 
 use std::ffi::c_void;
 use std::marker::PhantomData;
-use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
 
 use bytemuck::Pod;
 use cl3::types::cl_mem;
@@ -11,6 +10,7 @@ use cl3::types::cl_mem;
 use super::Device;
 use super::external::{Handover, OPAQUE_FD};
 use crate::error::Result;
+use crate::gpu::descriptor::{FromRawFd, IntoRawFd, OwnedFd};
 
 /// A buffer of `len` elements of `T`; released when dropped.
 #[derive(Debug)]

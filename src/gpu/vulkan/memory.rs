@@ -1,7 +1,6 @@
 //! Buffers.
 #![allow(unsafe_code)]
 
-use std::os::fd::{FromRawFd, OwnedFd};
 use std::ptr::NonNull;
 use std::sync::{Arc, Mutex};
 
@@ -10,6 +9,7 @@ use bytemuck::Pod;
 
 use super::context::{Context, lock};
 use crate::error::{Error, Result};
+use crate::gpu::descriptor::{FromRawFd, OwnedFd};
 
 /// Alignment of every [`HostBuffer`]'s address: a page, which OpenCL implementations ask for to use
 /// memory in place.
@@ -423,7 +423,7 @@ mod tests {
     /// Another allocation that imports the descriptor is the same memory: what one writes, the other reads.
     #[test]
     fn exported_memory_is_the_same_memory_elsewhere() {
-        use std::os::fd::IntoRawFd;
+        use crate::gpu::descriptor::IntoRawFd;
         let Some(context) = testing::context() else { return };
         let Ok((buffer, fd)) = HostBuffer::exported(&context, 20_000) else {
             assert!(!context.report().exports_fd || !exports_storage(&context), "it says that it can");

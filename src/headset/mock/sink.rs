@@ -65,8 +65,8 @@ struct Outcome {
 }
 
 impl PictureSink {
-    /// Makes the directory, where it is not there yet, and starts the writer. Files of earlier runs stay,
-    /// except those of the same names.
+    /// Makes the directory, where it is not there yet, and starts the writer. Pictures of an earlier run, which its
+    /// `frames.jsonl` proves, are removed; other files stay, except those of the same names.
     ///
     /// # Errors
     /// Where the directory cannot be made or written to.
@@ -75,6 +75,9 @@ impl PictureSink {
         fs::create_dir_all(&directory).map_err(|e| Error::writing(&directory, &e))?;
         // Told before the first frame is traced rather than after it.
         whole_file::check_folder(&directory)?;
+        if directory.join("frames.jsonl").is_file() {
+            remove_pictures(&directory)?;
+        }
         let (queue, pictures) = sync_channel(QUEUE);
         let to = directory.clone();
         let thread = std::thread::Builder::new()
@@ -134,6 +137,20 @@ impl PictureSink {
         let problem = "no more pictures are written here since one failed; start the run again".to_string();
         Error::File { path: self.directory.clone(), problem }
     }
+}
+
+/// Removes what [`PictureSink::push`] has written there before.
+fn remove_pictures(directory: &Path) -> Result<()> {
+    let fail = |error: &std::io::Error| Error::writing(directory, error);
+    let number = |name: &str| Some(name.strip_prefix("frame_")?.strip_suffix(".png")?.to_string());
+    for entry in fs::read_dir(directory).map_err(|e| fail(&e))? {
+        let entry = entry.map_err(|e| fail(&e))?;
+        let number = entry.file_name().to_str().and_then(number);
+        if number.is_some_and(|number| number.len() >= 4 && number.bytes().all(|b| b.is_ascii_digit())) {
+            fs::remove_file(entry.path()).map_err(|e| Error::writing(&entry.path(), &e))?;
+        }
+    }
+    Ok(())
 }
 
 impl Drop for PictureSink {

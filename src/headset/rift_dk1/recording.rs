@@ -8,10 +8,11 @@
 //! | 16 | `foveate dk1 1.0` and a line feed |
 //! | 8, then 62, for each report | host time in ns (u64, little-endian; any origin), the report |
 
-use super::report::IN_REPORT_BYTES;
+use super::report::{IN_REPORT_BYTES, SensorReport};
 use crate::error::{Error, Result};
+use crate::whole_file::{self, Growing};
 use std::fs::File;
-use std::io::{BufReader, BufWriter, ErrorKind, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 16] = b"foveate dk1 1.0\n";
@@ -40,16 +41,28 @@ impl Reader {
     /// Opens a recording.
     ///
     /// # Errors
-    /// When the file cannot be read, or holds not even one report.
+    /// When the file cannot be read, holds not even one report, or begins with what is none: where it has no
+    /// host times, at least half of its first records have to be reports of a DK1.
     pub fn open(path: &Path) -> Result<Self> {
+        let refused = |problem: &str| {
+            let problem = format!("{problem}; record one with `foveate tracker --record FILE`");
+            Err(Error::File { path: path.to_path_buf(), problem })
+        };
         let mut file = BufReader::new(File::open(path).map_err(|error| Error::io(path, &error))?);
         let mut first = Vec::with_capacity(MAGIC.len());
         let beginning = file.by_ref().take(MAGIC.len() as u64);
         { beginning }.read_to_end(&mut first).map_err(|error| Error::io(path, &error))?;
         let timed = first == MAGIC;
         if !timed && first.len() < MAGIC.len() {
-            let problem = "it holds no report; record one with `foveate tracker --record FILE`".to_string();
-            return Err(Error::File { path: path.to_path_buf(), problem });
+            return refused("it holds no report");
+        }
+        if !timed {
+            let beginning = [&first, file.fill_buf().map_err(|error| Error::io(path, &error))?].concat();
+            let records = beginning.chunks_exact(IN_REPORT_BYTES);
+            let (count, good) = (records.len(), records.filter(|r| SensorReport::decode(r).is_ok()).count());
+            if 2 * good < count {
+                return refused("it is no recording of a tracker");
+            }
         }
         if timed {
             first.clear();
@@ -101,22 +114,21 @@ impl Iterator for Reader {
     }
 }
 
-/// Writes a recording with host times.
+/// Writes a recording with host times. It gets its name when it is [finished](Writer::finish) and holds a report;
+/// what has the name before stays until then.
 pub struct Writer {
     path: PathBuf,
-    file: BufWriter<File>,
+    file: Option<Growing>,
 }
 
 impl Writer {
-    /// Creates the file, or empties it.
+    /// Tells whether a recording can be written there. Nothing is made before the first report.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// When it cannot be written, or another kind of file has the name.
     pub fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).map_err(|error| Error::io(path, &error))?;
-        let mut writer = Writer { path: path.to_path_buf(), file: BufWriter::new(file) };
-        writer.put(MAGIC)?;
-        Ok(writer)
+        whole_file::check_kind(path, MAGIC, "recording of a tracker")?;
+        Ok(Writer { path: path.to_path_buf(), file: None })
     }
 
     /// Adds a report that arrived at `host` seconds.
@@ -124,20 +136,24 @@ impl Writer {
     /// # Errors
     /// When the file cannot be written.
     pub fn add(&mut self, host: f64, report: &[u8; IN_REPORT_BYTES]) -> Result<()> {
-        self.put(&((host * 1e9) as u64).to_le_bytes())?;
-        self.put(report)
+        let file = match &mut self.file {
+            Some(file) => file,
+            none => {
+                let mut file = Growing::create(&self.path)?;
+                file.put(MAGIC)?;
+                none.insert(file)
+            }
+        };
+        file.put(&((host * 1e9) as u64).to_le_bytes())?;
+        file.put(report)
     }
 
-    /// Brings everything to the file.
+    /// Gives the file its name, if there was a report.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn flush(&mut self) -> Result<()> {
-        self.file.flush().map_err(|error| Error::io(&self.path, &error))
-    }
-
-    fn put(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file.write_all(bytes).map_err(|error| Error::io(&self.path, &error))
+    pub fn finish(self) -> Result<()> {
+        self.file.map_or(Ok(()), Growing::finish)
     }
 }
 
@@ -157,7 +173,8 @@ mod tests {
         let mut writer = Writer::create(&path).unwrap();
         writer.add(1.5, &report(7)).unwrap();
         writer.add(1.502, &report(9)).unwrap();
-        writer.flush().unwrap();
+        assert!(!path.exists());
+        writer.finish().unwrap();
         let entries: Vec<_> = Reader::open(&path).unwrap().map(Result::unwrap).collect();
         assert_eq!(entries.len(), 2);
         assert_eq!((entries[0].bytes, entries[0].host), (report(7), Some(1.5)));
@@ -175,6 +192,36 @@ mod tests {
         let entries: Vec<_> = reader.by_ref().map(Result::unwrap).collect();
         assert_eq!(entries, [1, 3].map(|time| Entry { host: None, bytes: report(time) }));
         assert_eq!(reader.cut_off(), 5);
+    }
+
+    #[test]
+    fn what_is_no_recording_is_refused_and_never_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.glb");
+        // Some records of it look like reports.
+        let bytes = [vec![7; 62 * 9], report(1).to_vec(), b"glTF".repeat(5000)].concat();
+        std::fs::write(&path, &bytes).unwrap();
+        let problem = Reader::open(&path).err().unwrap().to_string();
+        assert!(problem.contains("no recording of a tracker"), "{problem}");
+        assert!(Writer::create(&path).is_err());
+        assert!(std::fs::read(&path).unwrap() == bytes);
+    }
+
+    #[test]
+    fn a_recording_without_reports_leaves_the_earlier_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.rec");
+        let record = |times: &[u16]| {
+            let mut writer = Writer::create(&path).unwrap();
+            times.iter().for_each(|&time| writer.add(1.0, &report(time)).unwrap());
+            writer.finish().unwrap();
+            std::fs::read(&path).map_or(0, |bytes| bytes.len())
+        };
+        assert_eq!(record(&[]), 0);
+        assert_eq!(record(&[1, 2]), 16 + 2 * 70);
+        assert_eq!(record(&[]), 16 + 2 * 70);
+        assert_eq!(record(&[1]), 16 + 70);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

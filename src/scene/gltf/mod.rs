@@ -56,6 +56,14 @@ const MAX_FILE: u64 = 1 << 32;
 /// Materials by the document's index; `None` is the default material.
 type ByMaterial<T> = BTreeMap<Option<usize>, T>;
 
+/// Tells whether a scene's main file can be read, before anything is waited for.
+///
+/// # Errors
+/// [`Error::File`] as [`load`].
+pub fn check(path: &Path) -> Result<()> {
+    source::open_file(path).map(drop).map_err(|error| Error::io(path, &error))
+}
+
 /// Reads a `.gltf` or `.glb` file and the buffers and images of its folder and below.
 ///
 /// A file without any triangle gives an empty scene. What is left out or repaired is told in

@@ -19,17 +19,23 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-/// Reads at most `limit` bytes of a regular file.
-pub fn read_file(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
+/// Opens a regular file, and tells its size.
+pub fn open_file(path: &Path) -> std::io::Result<(File, u64)> {
     // Before it is opened: opening a pipe would wait for its other end.
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() {
         return Err(std::io::Error::other("it is not a regular file; give the path of a file"));
     }
-    let size = metadata.len().min(limit);
+    Ok((File::open(path)?, metadata.len()))
+}
+
+/// Reads at most `limit` bytes of a regular file.
+pub fn read_file(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
+    let (file, size) = open_file(path)?;
+    let size = size.min(limit);
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(usize::try_from(size).unwrap_or(usize::MAX))?;
-    File::open(path)?.take(size).read_to_end(&mut bytes)?;
+    file.take(size).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 

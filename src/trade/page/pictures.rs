@@ -22,7 +22,7 @@ pub fn closer(report: &Report) -> String {
          <label class=\"walk\"><span>fastest</span><input type=\"range\" id=\"walk\" min=\"0\" max=\"{}\" value=\"0\" \
          data-stops=\"{}\" aria-label=\"along the front\"><span>best</span></label>\n\
          <p id=\"facts\" aria-live=\"polite\"></p>\n\
-         <div class=\"panes\"><div class=\"wipe\"><img class=\"truth\" alt=\"the reference\"><img class=\"test\" alt=\"the point\">\
+         <div class=\"panes\"><div class=\"wipe\" role=\"slider\" tabindex=\"0\" aria-label=\"line between picture and reference\" aria-valuemin=\"0\" aria-valuemax=\"100\" aria-valuenow=\"50\"><img class=\"truth\" alt=\"the reference\"><img class=\"test\" alt=\"the point\">\
          <i></i></div><div class=\"error\"><img alt=\"its error\"></div></div>\n\
          <details><summary>Effective configuration</summary><pre id=\"config\"></pre></details>\n</section>\n",
         stops.len().saturating_sub(1),

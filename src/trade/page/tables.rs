@@ -1,7 +1,10 @@
 //! The page's tables: sliders, what others do, all points.
 
+use std::cmp::Ordering;
+
 use super::super::candidate::{GIVEN, GRID, LATE, RIVAL};
 use super::super::report::{LeftOut, Point, Report};
+use super::super::spread;
 use super::escaped;
 
 /// One slider moved, all others as given: what each value costs and gains.
@@ -22,10 +25,11 @@ pub fn sliders(report: &Report) -> String {
         (|p: &Point| octaves(given, p), |p: &Point| p.foveated_score - given.foveated_score);
     let scales = [scale(&octaves), scale(&gain)];
     let mut text = format!(
-        "<section>\n<h2>What each slider costs and gains</h2>\n<p>One slider moved, all others as given \
-         ({:.1} ms, score {:.2}, {:.1} dB). Bars to the left are less, to the right more; green is better.</p>\n\
-         <table class=\"sliders\">\n<thead><tr><th>slider<th class=\"text\">value<th>ms<th colspan=\"2\">against given<th>score\
-         <th colspan=\"2\">change<th>PSNR dB<th>change<th>flicker<th>eyes</tr></thead>\n",
+        "<section>\n<h2>What each parameter costs and gains</h2>\n<p>One parameter changed, all others as given \
+         ({:.1} ms, score {:.2}, {:.1} dB). Bars to the left are less, to the right more; green is better, beyond the \
+         measured spread.</p>\n\
+         <table class=\"sliders\">\n<thead><tr><th>parameter<th class=\"text\">value<th>frame time (ms)<th colspan=\"2\">relative<th>foveated score\
+         <th colspan=\"2\">change<th>PSNR (dB)<th>change<th>temporal error<th>binocular error</tr></thead>\n",
         given.frame_ms, given.foveated_score, given.psnr
     );
     for axis in axes {
@@ -41,12 +45,12 @@ pub fn sliders(report: &Report) -> String {
                 "<tr>{head}<td>{}<td>{:.1}<td class=\"{}\">x{:.2}{}<td>{:.2}{}{}<td>{:.2}{}<td>{:.4}<td>{}</tr>\n",
                 escaped(value),
                 p.frame_ms,
-                tone(given.frame_ms - p.frame_ms, 0.03 * given.frame_ms),
+                tone(spread::time(given, p).reverse()),
                 p.frame_ms / given.frame_ms.max(1e-9),
-                bar(octaves(p) / scales[0], octaves(p) < 0.0),
+                bar(octaves(p) / scales[0], tone(spread::time(given, p).reverse())),
                 p.foveated_score,
-                change(gain(p), 0.02),
-                bar(gain(p) / scales[1], gain(p) > 0.0),
+                score_change(given, p),
+                bar(gain(p) / scales[1], tone(spread::score(given, p, LEAST_SCORE))),
                 p.psnr,
                 change(p.psnr - given.psnr, 0.1),
                 p.flicker,
@@ -79,12 +83,15 @@ fn octaves(given: &Point, p: &Point) -> f64 {
     if ratio > 0.0 && ratio.is_finite() { ratio.log2() } else { 0.0 }
 }
 
+/// Scores that are nearer than this look the same.
+const LEAST_SCORE: f64 = 0.02;
+
 /// A cell with a bar from its middle; `value` is in -1..1.
-fn bar(value: f64, good: bool) -> String {
+fn bar(value: f64, tone: &str) -> String {
     let percent = 50.0 * value.clamp(-1.0, 1.0);
     format!(
         "<td class=\"bar\"><i class=\"{}\" style=\"left:{:.1}%;width:{:.1}%\"></i>",
-        if good { "good" } else { "bad" },
+        tone,
         50.0 + percent.min(0.0),
         percent.abs()
     )
@@ -92,14 +99,22 @@ fn bar(value: f64, good: bool) -> String {
 
 /// A cell that tells a change, coloured where it is more than a whim.
 fn change(difference: f64, least: f64) -> String {
-    format!("<td class=\"{}\">{difference:+.2}", tone(difference, least))
+    let beyond = if difference.abs() > least { difference.total_cmp(&0.0) } else { Ordering::Equal };
+    format!("<td class=\"{}\">{difference:+.2}", tone(beyond))
 }
 
-fn tone(difference: f64, least: f64) -> &'static str {
-    match difference {
-        d if d > least => "good",
-        d if d < -least => "bad",
-        _ => "same",
+/// A cell that tells how a point's score differs, coloured where that is more than the spread.
+fn score_change(given: &Point, p: &Point) -> String {
+    let apart = p.foveated_score - given.foveated_score;
+    format!("<td class=\"{}\">{apart:+.2}", tone(spread::score(given, p, LEAST_SCORE)))
+}
+
+/// The colour of what is more (good), less (bad), or cannot be told.
+fn tone(more: Ordering) -> &'static str {
+    match more {
+        Ordering::Greater => "good",
+        Ordering::Less => "bad",
+        Ordering::Equal => "same",
     }
 }
 
@@ -112,17 +127,21 @@ pub fn rivals(report: &Report) -> String {
     let given = &report.points[0];
     let mut text = String::from(
         "<section>\n<h2>What others do</h2>\n<p>Rendered with the same tracer, so that methods are compared. \
-         \"At equal cost\" are those that were changed until a frame took as long as with the given settings.</p>\n\
-         <table>\n<thead><tr><th>method<th>ms<th>score<th>change<th>PSNR dB<th>change<th>FLIP<th>flicker<th>eyes</tr></thead>\n",
+         \"At equal cost\" are those that were changed until a frame took as long as with the given settings, within 5 %; \
+         what missed that says by how much.</p>\n\
+         <table>\n<thead><tr><th>method<th>frame time (ms)<th>relative<th>foveated score<th>change<th>PSNR (dB)<th>change<th>FLIP\
+         <th>temporal error<th>binocular error</tr></thead>\n",
     );
     let others = report.points.iter().filter(|p| p.axis == RIVAL);
     for p in std::iter::once(given).chain(others) {
         text += &format!(
-            "<tr><td>{}<td>{:.1}<td>{:.2}{}<td>{:.2}{}<td>{:.4}<td>{:.4}<td>{}</tr>\n",
-            escaped(&p.name),
+            "<tr><td>{}<td>{:.1}<td class=\"{}\">x{:.2}<td>{:.2}{}<td>{:.2}{}<td>{:.4}<td>{:.4}<td>{}</tr>\n",
+            escaped(&p.title()),
             p.frame_ms,
+            if p.at_equal_cost == Some(false) { "bad" } else { tone(spread::time(given, p).reverse()) },
+            p.cost,
             p.foveated_score,
-            change(p.foveated_score - given.foveated_score, 0.02),
+            score_change(given, p),
             p.psnr,
             change(p.psnr - given.psnr, 0.1),
             p.flip,
@@ -136,8 +155,8 @@ pub fn rivals(report: &Report) -> String {
 /// Every point with its effective configuration.
 pub fn all_points(report: &Report) -> String {
     let mut text = String::from(
-        "<section>\n<h2>All points</h2>\n<table id=\"points\">\n<thead><tr><th>name<th>ms<th>p10<th>p90<th>new gaze ms\
-         <th>samples<th>rays<th>PSNR dB<th>relMSE<th>FLIP<th>score<th>flicker<th>eyes<th>front</tr></thead>\n<tbody>\n",
+        "<section>\n<h2>All points</h2>\n<table id=\"points\">\n<thead><tr><th>name<th>frame time (ms)<th>10th percentile<th>90th percentile<th>new gaze (ms)\
+         <th>samples<th>rays<th>PSNR (dB)<th>relMSE<th>FLIP<th>foveated score<th>temporal error<th>binocular error<th>Pareto front</tr></thead>\n<tbody>\n",
     );
     for (index, p) in report.points.iter().enumerate() {
         let config = serde_json::to_string_pretty(&p.config).unwrap_or_default();
