@@ -16,7 +16,7 @@ use foveate::math::view::{FieldOfView, View};
 use foveate::measure::stats::{median, percentile};
 use foveate::scene::texture::{Texture, Wrap};
 use foveate::scene::{
-    AlphaMode, Environment, Features, Material, Scene, TextureRef, default_viewpoint, generate,
+    AlphaMode, Environment, Features, Glass, Material, Scene, TextureRef, default_viewpoint, generate,
 };
 use foveate::speed::cpu_time;
 use foveate::trace::{SceneData, Settings, TracePattern, Tracer, Walk, warm};
@@ -41,6 +41,8 @@ fn variants() -> Vec<(&'static str, Features)> {
         ("vertex colours", Features { vertex_colors: true, ..none }),
         ("sun", Features { sun: true, ..none }),
         ("emitters", Features { emitters: true, ..none }),
+        ("layers", Features { layers: true, ..none }),
+        ("glass", Features { glass: true, alpha: true, ..none }),
         (
             "all of them",
             Features {
@@ -50,6 +52,8 @@ fn variants() -> Vec<(&'static str, Features)> {
                 vertex_colors: true,
                 sun: true,
                 emitters: true,
+                layers: true,
+                glass: true,
             },
         ),
     ]
@@ -128,6 +132,14 @@ fn pretend(mut scene: Scene, features: &Features) -> Scene {
     }
     if features.alpha {
         scene.materials.push(unused(&|m| m.alpha = AlphaMode::Blend));
+    }
+    if features.glass {
+        let glass =
+            Glass { transmission: 1.0, texture: None, ior: 1.5, solid: false, attenuation: Vec3::ZERO };
+        scene.materials.push(unused(&|m| m.glass = Some(glass)));
+    }
+    if features.layers {
+        scene.materials.push(unused(&|m| m.layers = Some(Default::default())));
     }
     if features.vertex_colors {
         scene.mesh.colors = vec![Vec4::ONE; scene.mesh.positions.len()];

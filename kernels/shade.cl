@@ -267,6 +267,40 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     w->seed = chance_of(index, camera->seed);
 }
 
+#if HAS_GLASS
+// Light that comes through a sample's glass, along half as many rays as its others.
+static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, Sample *sample, uint seed)
+{
+    const Surface *s = &sample->surface;
+    if (!(s->transmission > 0.0f))
+        return 0u;
+    uint n = max(shading->rays / 2u, 1u), rays = 0;
+    float3 sum = 0.0f;
+    for (uint i = 0; i < n; ++i) {
+        uint2 u = sobol(sample->index * n + i, seed ^ 0x3c6ef372u);
+        Onward on = cross_glass(s, -sample->view, (float2)(fraction(u.x), fraction(u.y)), 1.0f);
+        uint place, chance = hash(sample->index * n + i ^ hash(seed + 23u));
+        float t;
+        bool met = follow_glass(scene, &on, s, &place, &t, &chance, &rays);
+        if (!(max3(on.throughput) > 0.0f))
+            continue;
+        float3 light;
+        if (!met) {
+            light = background(scene, shading, on.d);
+        } else {
+            light = surface_at(scene, place, on.origin, 0.0f, on.d, 0.05f * t).emission;
+            if (shading->bounces == 0u && shading->cached)
+                light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, 1u, chance, &rays);
+            else
+                light += follow_path(scene, shading, on.origin, on.d, place, t, max(shading->bounces, 1u), chance, &rays);
+        }
+        sum += on.throughput * light;
+    }
+    sample->sum.specular += sum * (s->transmission / (float)n) / specular_scale(sample->f0);
+    return rays;
+}
+#endif
+
 // What becomes of a sample; false where its estimate is not finite, which is marked by a depth of -1.
 static bool end_sample(const Shading *shading, const Sample *sample, __global SampleRecord *record)
 {
@@ -322,6 +356,8 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
                 continue;
             uint at = samples[mine[k].index];
             float seen = (float)popcount(walkers[k].mask & ~walkers[k].hits) / (float)towards_sun;
+            // Pixels of some surfaces have the sun's light already: see visibility.cl.
+            seen = describes_itself(&mine[k].surface) ? 0.0f : seen;
             uint centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31;
             mine[k].normal |= ((uint)(seen * 127.0f + 0.5f) << 1 | centre) << 24;
             rays += towards_sun;
@@ -343,6 +379,10 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         Sample *sample = &mine[k];
         if (sample->lit)
             rays += add_punctual(&scene, &shading, &sample->surface, sample->f0, sample->view, walkers[k].seed, &sample->sum);
+#if HAS_GLASS
+        if (sample->lit)
+            rays += add_glass_light(&scene, &shading, &cache, sample, camera.seed);
+#endif
         lost += end_sample(&shading, sample, &records[sample->index]) ? 0u : 1u;
     }
     if (rays)

@@ -1,18 +1,19 @@
 // Camera rays: the first hit of every pixel, or of every sample.
 
 #if SINGLE_RAYS
-static HitRecord look_through(const Scene *scene, const Camera *camera, uint x, uint y)
+static HitRecord look_through(const Scene *scene, const Camera *camera, uint x, uint y, uint seed)
 {
     HitRecord hit = {NONE, INFINITY};
     trace_ray(scene, load3(camera->origin), load3(camera->origin_low), camera_ray(camera, x, y), &hit.t, &hit.triangle,
-              CLOSEST_FRONT, camera->seed);
+              SEEN, seed);
     return hit;
 }
 
-// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes one. Items go through
+// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes one. `seed`: of what is
+// met by chance. Items go through
 // blocks of 8 by 8, so that those which run in step see much the same.
 __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
-                           __global HitRecord *hits)
+                           __global HitRecord *hits, uint seed)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint item = (uint)get_global_id(0), inside = item % (BLOCK * BLOCK);
@@ -21,7 +22,7 @@ __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint 
         return;
     uint x = left + inside % BLOCK, y = top + inside / BLOCK;
     if (x < camera.width && y < camera.height)
-        hits[y * camera.width + x] = look_through(&scene, &camera, x, y);
+        hits[y * camera.width + x] = look_through(&scene, &camera, x, y, seed);
 }
 
 // hits[first + i] for samples first .. first + count; a work-item takes one.
@@ -31,12 +32,13 @@ __kernel void trace_samples(SCENE_PARAMETERS, Camera camera, __global const uint
     Scene scene = SCENE_ARGUMENTS;
     uint i = (uint)get_global_id(0);
     if (i < count)
-        hits[first + i] = look_through(&scene, &camera, samples[first + i] & 0xffffu, samples[first + i] >> 16);
+        hits[first + i] = look_through(&scene, &camera, samples[first + i] & 0xffffu, samples[first + i] >> 16, camera.seed);
 }
 #else
-// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes 8 by 8 of them.
+// hits[y * width + x] for all pixels of the tiles first .. first + count; a work-item takes 8 by 8 of them. `seed`: of
+// what is met by chance.
 __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
-                           __global HitRecord *hits)
+                           __global HitRecord *hits, uint seed)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint left, top;
@@ -44,7 +46,7 @@ __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint 
         return;
     Block block;
     set_block(&block, &camera, left, top);
-    trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, camera.seed);
+    trace_block(&scene, load3(camera.origin), load3(camera.origin_low), &block, seed);
     uint columns = min(camera.width - left, BLOCK), lines = min(camera.height - top, BLOCK);
     for (uint y = 0; y < lines; ++y)
         for (uint x = 0; x < columns; ++x) {

@@ -107,6 +107,65 @@ static void describe_group(const Scene *scene, const Camera *camera, const Facet
     }
 }
 
+#if HAS_LAYERS || HAS_GLASS
+// Half the sun's angular radius, by which its disc widens highlights (Karis 2013).
+#define SUN_RADIUS 0.0023f
+
+// What a surface reflects of the sun as a point, its highlights widened by the disc as in reconstruct.wgsl.
+static float3 sunlight_on(const Surface *surface, const Shading *shading, float3 view)
+{
+#if HAS_SUN
+    Surface s = *surface;
+    s.alpha = min(s.alpha + SUN_RADIUS, 1.0f);
+#if HAS_LAYERS
+    s.alphas = min(s.alphas + SUN_RADIUS, 1.0f);
+    s.coat_alpha = min(s.coat_alpha + SUN_RADIUS, 1.0f);
+#endif
+    float3 f0 = specular_color(&s);
+    Reflection r = reflection(&s, f0, view, load3(shading->sun_direction));
+    float3 irradiance = load3(shading->sun_radiance) * (2.0f * PI * shading->sun_one_minus_cos);
+    return (diffuse_color(&s) * r.diffuse + specular_scale(f0) * r.specular) * irradiance;
+#else
+    return 0.0f;
+#endif
+}
+
+// Pixels of layered surfaces and of glass, whose colours and light their records' fields do not describe: they have what their
+// samples are divided by, and the sun's light beside the emission. The sun counts as seen nowhere, so that it is
+// not added again.
+static void describe_layered(const Scene *scene, const Camera *camera, const Shading *shading, __global const HitRecord *hits,
+                             uint left, uint top, uint columns, uint lines, __global VisibilityRecord *records)
+{
+    for (uint i = 0; i < columns * lines; ++i) {
+        uint x = left + i % columns, y = top + i / columns, pixel = y * camera->width + x;
+        HitRecord hit = hits[pixel];
+        if (!IS_HIT(hit.triangle))
+            continue;
+        uint packed = scene->triangles[hit.triangle].packed;
+        __global const Material *material = scene->materials + TRIANGLE_MATERIAL(packed);
+        if (!(material->extras & MATERIAL_LAYERED) && !(material->transmission > 0.0f))
+            continue;
+        float3 d = camera_ray(camera, x, y);
+        Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
+                               hit.t * camera->step[0]);
+        if (s.unlit || !describes_itself(&s))
+            continue;
+        VisibilityRecord record = records[pixel];
+        float3 emission = s.emission, base;
+        if (record.normal & SUN_VISIBLE)
+            emission += sunlight_on(&s, shading, -d);
+        record.normal &= ~SUN_VISIBLE;
+        record.emission = pack_emission(emission);
+        float metallic;
+        recorded_colors(&s, &base, &metallic);
+        Words colors = {pack_bases(everywhere(base))}, surface = {pack_surfaces(everywhere(base), metallic, s.roughness)};
+        record.base = colors.lane[0];
+        record.surface = surface.lane[0];
+        records[pixel] = record;
+    }
+}
+#endif
+
 // A work-item takes 8 by 8 pixels: most see few triangles, each of which is prepared once, and eight pixels that
 // see it are described at a time. counters[0] sums the rays to the sun.
 __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
@@ -125,6 +184,9 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
 #endif
     for (uint i = 0; i < groups.count; ++i)
         describe_group(&scene, &camera, &groups.facets[groups.group[i].facet], &groups.group[i], left, top, lit, records);
+#if HAS_LAYERS || HAS_GLASS
+    describe_layered(&scene, &camera, &shading, hits, left, top, columns, lines, records);
+#endif
     for (; background; background &= background - 1ul) {
         uint i = lowest_bit64(background), x = left + i % BLOCK, y = top + i / BLOCK;
         records[y * camera.width + x] = describe_background(&scene, &shading, camera_ray(&camera, x, y));

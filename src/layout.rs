@@ -81,7 +81,7 @@ macro_rules! shared_structs {
 }
 
 /// Constants that kernels share.
-fn constants() -> [(&'static str, u32); 7] {
+fn constants() -> [(&'static str, u32); 21] {
     [
         ("LEAF", crate::bvh::wide::LEAF),
         ("EMPTY", crate::bvh::wide::EMPTY),
@@ -90,6 +90,20 @@ fn constants() -> [(&'static str, u32); 7] {
         ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
+        ("MEET_BLENDS", MEET_BLENDS),
+        ("MATERIAL_LAYERED", MATERIAL_LAYERED),
+        ("MATERIAL_TINTED", MATERIAL_TINTED),
+        ("MATERIAL_GLOSSY", MATERIAL_GLOSSY),
+        ("MATERIAL_SOLID", MATERIAL_SOLID),
+        ("SPECULAR_TEXTURE", 5),
+        ("SPECULAR_COLOR_TEXTURE", 6),
+        ("COAT_TEXTURE", 7),
+        ("COAT_ROUGHNESS_TEXTURE", 8),
+        ("COAT_NORMAL_TEXTURE", 9),
+        ("SHEEN_COLOR_TEXTURE", 10),
+        ("SHEEN_ROUGHNESS_TEXTURE", 11),
+        ("ANISOTROPY_TEXTURE", 12),
+        ("TRANSMISSION_TEXTURE", 13),
     ]
 }
 
@@ -103,6 +117,16 @@ pub const UNTRACED: u32 = u32::MAX - 1;
 pub const SUN_VISIBLE: u32 = 1 << 31;
 /// Cells of the cache of light.
 pub const CACHE_CELLS: u32 = 1 << 18;
+/// The seed with which what is seen is every BLEND surface, instead of some by chance.
+pub const MEET_BLENDS: u32 = u32::MAX;
+/// In [`Material::extras`]: more than metallic-roughness.
+pub const MATERIAL_LAYERED: u32 = 1;
+/// In [`Material::extras`]: the specular reflection has a colour, and what passes it has none of its own.
+pub const MATERIAL_TINTED: u32 = 2;
+/// In [`Material::extras`]: the metallic-roughness texture has glossiness in A, and no metalness.
+pub const MATERIAL_GLOSSY: u32 = 4;
+/// In [`Material::extras`]: transmissive material has an inside, and refracts.
+pub const MATERIAL_SOLID: u32 = 8;
 /// Materials at most: what [`Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 20;
 
@@ -260,8 +284,37 @@ pub struct Material {
     pub alpha_cutoff: f32,
     /// 1: unlit.
     pub unlit: u32,
-    /// Base colour, metallic-roughness, normal, occlusion, emissive.
-    pub textures: [TextureUse; 5],
+    /// [`MATERIAL_LAYERED`] and others; what follows is read where it is layered.
+    pub extras: u32,
+    /// The dielectric's F0, before its weight.
+    pub dielectric: [f32; 3],
+    /// Weight of the dielectric's specular reflection.
+    pub specular: f32,
+    /// Clearcoat, its roughness and its normal map's scale.
+    pub coat: f32,
+    /// See `coat`.
+    pub coat_roughness: f32,
+    /// See `coat`.
+    pub coat_normal_scale: f32,
+    /// Sheen's colour and roughness.
+    pub sheen: [f32; 3],
+    /// See `sheen`.
+    pub sheen_roughness: f32,
+    /// Anisotropy's strength, then cosine and sine of its rotation.
+    pub anisotropy: f32,
+    /// See `anisotropy`.
+    pub anisotropy_turn: [f32; 2],
+    /// How much light passes the surface instead of being reflected diffusely; 0 where it is no glass.
+    pub transmission: f32,
+    /// Index of refraction of glass.
+    pub ior: f32,
+    /// What the inside of solid glass absorbs, a metre.
+    pub attenuation: [f32; 3],
+    /// The share of light on other surfaces that passes the glass straight.
+    pub clear: f32,
+    /// Base colour, metallic-roughness, normal, occlusion, emissive; then what constants such as `SPECULAR_TEXTURE`
+    /// name.
+    pub textures: [TextureUse; 14],
 }
 
 /// A texture's place in the buffer of texels.

@@ -370,6 +370,54 @@ fn vertex_colours_are_kept_unless_white() {
 }
 
 #[test]
+fn extensions_of_materials_are_read_with_their_textures() {
+    let load = |material: &dyn Fn(&mut Builder) -> serde_json::Value| with_material(material).load().unwrap();
+    let scene = load(&|builder| {
+        let texture = builder.texture(&[[10, 20, 30, 40], [200, 100, 50, 255]]);
+        json!({ "extensions": {
+            "KHR_materials_clearcoat": { "clearcoatFactor": 0.5, "clearcoatTexture": { "index": texture } },
+            "KHR_materials_sheen": { "sheenColorFactor": [0.1, 0.2, 0.3], "sheenRoughnessFactor": 0.4 },
+            "KHR_materials_anisotropy": { "anisotropyStrength": 0.6, "anisotropyRotation": 1.5 }
+        } })
+    });
+    let layers = scene.materials[0].layers.as_ref().unwrap();
+    assert_eq!((layers.coat, layers.sheen_roughness, layers.anisotropy), (0.5, 0.4, 0.6));
+    assert_eq!(layers.coat_texture.map(|texture| texture.texture), Some(0));
+    assert!(!scene.textures[0].srgb && scene.warnings.is_empty());
+
+    let scene = load(&|builder| {
+        let texture = builder.texture(&[[10, 20, 30, 40], [200, 100, 50, 255]]);
+        json!({ "extensions": { "KHR_materials_pbrSpecularGlossiness": {
+            "diffuseFactor": [0.5, 0.25, 0.125, 1.0], "specularFactor": [1.0, 0.5, 0.25], "glossinessFactor": 0.75,
+            "specularGlossinessTexture": { "index": texture }
+        } } })
+    });
+    let (material, layers) = (&scene.materials[0], scene.materials[0].layers.as_ref().unwrap());
+    assert_eq!(
+        (material.base_color, material.metallic, material.roughness),
+        (Vec4::new(0.5, 0.25, 0.125, 1.0), 0.0, 0.25)
+    );
+    assert!(layers.glossy && scene.textures[0].srgb);
+    assert_eq!(layers.specular_color_texture, material.metallic_roughness_texture);
+
+    let scene = load(&|_| {
+        json!({ "extensions": {
+            "KHR_materials_transmission": { "transmissionFactor": 1.0 },
+            "KHR_materials_volume": { "thicknessFactor": 0.1, "attenuationDistance": 1.0, "attenuationColor": [1, 0.5, 0.5] }
+        } })
+    });
+    let material = &scene.materials[0];
+    assert!(material.double_sided && material.glass.is_some_and(|glass| glass.solid && glass.ior == 1.5));
+
+    // A texture that is not there is refused, wherever it is asked for.
+    let builder = with_material(
+        |_| json!({ "extensions": { "KHR_materials_sheen": { "sheenColorTexture": { "index": 7 } } } }),
+    );
+    let refused = builder.load().unwrap_err().to_string();
+    assert!(refused.contains("texture 7"), "{refused}");
+}
+
+#[test]
 fn vertex_colours_keep_their_steps_and_what_is_above_one() {
     let mut builder = one_triangle(json!({}));
     let codes: Vec<u8> =

@@ -9,13 +9,41 @@ typedef struct {
     float3 specular;
 } Reflection;
 
-static float3 specular_color(const Surface *s) { return mix((float3)(0.04f), s->base, s->metallic); }
+static float3 specular_color(const Surface *s)
+{
+#if HAS_LAYERS
+    return mix(s->dielectric, s->base, s->metallic);
+#else
+    return mix((float3)(0.04f), s->base, s->metallic);
+#endif
+}
 
 // What the specular part is divided by: F0, but never so little that nothing could multiply it back;
 // Fresnel reflection is there at grazing angles also where F0 is 0. The reconstruction does the same.
 static float3 specular_scale(float3 f0) { return max(f0, 0.001f); }
 
-static float3 diffuse_color(const Surface *s) { return s->base * (1.0f - s->metallic); }
+// What of the surface's own colour reflects diffusely: none of glass.
+static float3 diffuse_color(const Surface *s)
+{
+#if HAS_GLASS
+    return s->base * ((1.0f - s->metallic) * (1.0f - s->transmission));
+#else
+    return s->base * (1.0f - s->metallic);
+#endif
+}
+
+#if HAS_GLASS
+// Reflectance of a smooth interface for light without polarisation; `eta`: index on the light's side over that behind.
+static float dielectric_fresnel(float cosine, float eta)
+{
+    float squared = eta * eta * (1.0f - cosine * cosine);
+    if (squared >= 1.0f)
+        return 1.0f;
+    float behind = sqrt(1.0f - squared);
+    float p = (cosine - eta * behind) / (cosine + eta * behind), q = (eta * cosine - behind) / (eta * cosine + behind);
+    return 0.5f * (p * p + q * q);
+}
+#endif
 
 // The base colour as VisibilityRecord can hold it: none above 1, which only vertex colours reach.
 static float3 recorded_base(float3 base)
@@ -27,16 +55,65 @@ static float3 recorded_base(float3 base)
 #endif
 }
 
+// The base colour and the metalness that the visibility record has of a surface. Layered ones that are all but
+// black underneath count as metals of their specular colour, which then has its texture at each pixel.
+static void recorded_colors(const Surface *s, float3 *base, float *metallic)
+{
+    *base = recorded_base(s->base);
+    *metallic = s->metallic;
+#if HAS_LAYERS
+    if (s->layered && max3(diffuse_color(s)) < 0.02f) {
+        *base = specular_color(s);
+        *metallic = 1.0f;
+    }
+#endif
+}
+
+// Layered surfaces' and glass's pixels have the sun's light in their records, as `describe_layered` puts it there.
+static bool describes_itself(const Surface *s)
+{
+    bool itself = false;
+#if HAS_LAYERS
+    itself |= s->layered;
+#endif
+#if HAS_GLASS
+    itself |= s->transmission > 0.0f;
+#endif
+    return itself;
+}
+
 // A guided sample's light: divided by the colours that its pixels multiply it by, which are the record's.
 static Reflection without_colors(const Surface *s, float3 f0, Reflection r)
 {
-#if HAS_VERTEX_COLORS
-    float3 recorded = mix((float3)(0.04f), recorded_base(s->base), s->metallic);
-    r.diffuse *= max(max3(s->base), 1.0f);
-    r.specular *= specular_scale(f0) / specular_scale(recorded);
+#if HAS_VERTEX_COLORS || HAS_LAYERS || HAS_GLASS
+    // Most are divided by their own colours, and keep every bit.
+    if (max3(s->base) <= 1.0f && !describes_itself(s))
+        return r;
+    float3 base;
+    float metallic;
+    recorded_colors(s, &base, &metallic);
+    float3 scale = specular_scale(mix((float3)(0.04f), base, metallic));
+    r.specular *= specular_scale(f0) / scale;
+    if (metallic > s->metallic) {
+        r.specular += diffuse_color(s) * r.diffuse / scale;
+        r.diffuse = 0.0f;
+    } else {
+        r.diffuse *= max(max3(s->base), 1.0f);
+#if HAS_GLASS
+        r.diffuse *= 1.0f - s->transmission;
+#endif
+    }
 #endif
     return r;
 }
+
+#if HAS_LAYERS
+// In layers.h.
+static Reflection layered_reflection(const Surface *s, float3 f0, float3 view, float3 light);
+static float layered_share(const Surface *s, float3 f0, float3 view);
+static float3 sample_layered(const Surface *s, float3 view, float2 u);
+static float layered_density(const Surface *s, float3 view, float3 light);
+#endif
 
 // GGX's density of microfacet normals at unit h.
 static float ggx(const Surface *s, float3 h)
@@ -50,6 +127,10 @@ static float ggx(const Surface *s, float3 h)
 
 static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 light)
 {
+#if HAS_LAYERS
+    if (s->layered)
+        return layered_reflection(s, f0, view, light);
+#endif
     Reflection r;
     r.diffuse = 0.0f;
     r.specular = 0.0f;
@@ -60,6 +141,10 @@ static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 li
     float vh = clamp(dot3(view, h), 0.0f, 1.0f);
     float m = 1.0f - vh;
     float3 fresnel = f0 + (1.0f - f0) * (m * m * m * m * m);
+#if HAS_GLASS
+    if (s->transmission > 0.0f)
+        fresnel = dielectric_fresnel(vh, 1.0f / s->ior);
+#endif
     float a2 = s->alpha * s->alpha;
     float smith = nl * sqrt(fma(nv * nv, 1.0f - a2, a2)) + nv * sqrt(fma(nl * nl, 1.0f - a2, a2));
     r.diffuse = (1.0f - fresnel) * (nl / PI);
@@ -70,6 +155,10 @@ static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 li
 // Share of reflected rays that follow the specular lobe.
 static float specular_share(const Surface *s, float3 f0, float3 view)
 {
+#if HAS_LAYERS
+    if (s->layered)
+        return layered_share(s, f0, view);
+#endif
     float m = 1.0f - clamp(dot3(s->normal, view), 0.0f, 1.0f);
     float strength = luminance(f0) + (1.0f - luminance(f0)) * m * m * m * m * m;
     float diffuse = luminance(diffuse_color(s));
@@ -77,7 +166,7 @@ static float specular_share(const Surface *s, float3 f0, float3 view)
 }
 
 // Visible GGX normals by spherical caps (Dupuy and Benyoub 2023), reflected.
-static float3 sample_specular(const Surface *s, float3 view, float2 u)
+static float3 sample_ggx(const Surface *s, float3 view, float2 u)
 {
     float3 t, b;
     frame_around(s->normal, &t, &b);
@@ -92,8 +181,21 @@ static float3 sample_specular(const Surface *s, float3 view, float2 u)
     return normal * (2.0f * dot3(view, normal)) - view;
 }
 
+static float3 sample_specular(const Surface *s, float3 view, float2 u)
+{
+#if HAS_LAYERS
+    if (s->layered)
+        return sample_layered(s, view, u);
+#endif
+    return sample_ggx(s, view, u);
+}
+
 static float specular_density(const Surface *s, float3 view, float3 light)
 {
+#if HAS_LAYERS
+    if (s->layered)
+        return layered_density(s, view, light);
+#endif
     float nv = max(dot3(s->normal, view), 1.0e-4f);
     float3 h = unit_or(view + light, s->normal);
     float a2 = s->alpha * s->alpha;

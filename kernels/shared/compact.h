@@ -45,7 +45,7 @@ static bool meet_triangle(const Scene *scene, uint place, __global const float *
     uint packed = scene->triangles[place].packed;
     if (packed & TRIANGLE_ALPHA) {
         float3 weights = volumes / (volumes.x + volumes.y + volumes.z);
-        if (alpha_passes(scene, place, packed, weights, d, seed))
+        if (alpha_passes(scene, place, packed, weights, d, kind, seed))
             return false;
     }
 #endif

@@ -230,7 +230,7 @@ static void meet_leaf_with_block(const Scene *scene, Leaf *leaf, uint first, uin
     while (open) {
         uint i = lowest_bit64(open);
         open &= open - 1ul;
-        meet_leaf(scene, leaf, first, n, block_ray(b, i), (float *)b->t_max + i, (uint *)b->triangle + i, CLOSEST_FRONT, seed);
+        meet_leaf(scene, leaf, first, n, block_ray(b, i), (float *)b->t_max + i, (uint *)b->triangle + i, SEEN, seed);
     }
 }
 
@@ -240,7 +240,7 @@ static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b,
 {
     for (uint i = 0; i < 16u * b->pairs; ++i) {
         float3 d = (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
-        trace_ray(scene, origin, low, d, (float *)b->t_max + i, (uint *)b->triangle + i, CLOSEST_FRONT, seed);
+        trace_ray(scene, origin, low, d, (float *)b->t_max + i, (uint *)b->triangle + i, SEEN, seed);
     }
 }
 #else

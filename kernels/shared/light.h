@@ -241,6 +241,10 @@ static float3 follow_path(const Scene *scene, const Shading *shading, float3 ori
         Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, 0.05f * step.t);
         if (s.unlit)
             break;
+#if HAS_GLASS
+        // Here it is met for what it reflects: paths that see through it were followed before.
+        s.transmission = 0.0f;
+#endif
         take_step(scene, shading, &s, -step.direction, seed + 16u * bounce, &step, rays);
         sum += throughput * step.direct;
         if (!step.goes_on)

@@ -13,6 +13,26 @@ typedef struct {
     float alpha;          // GGX alpha
     float offset;         // how far rays start from the surface, metres
     bool unlit;
+#if HAS_GLASS
+    // What glass.h reads: how much passes it, its index, whether it has an inside, which absorbs so much a metre, and
+    // whether it is seen from there.
+    float transmission, ior;
+    bool solid, back;
+    float3 attenuation;
+#endif
+#if HAS_LAYERS
+    // What layers.h reads. `dielectric`: F0 where the surface is no metal; that is all of these that surfaces without
+    // layers have.
+    bool layered, tinted;
+    float3 dielectric;
+    float specular;       // F90 where the surface is no metal
+    float3 tangent;       // unit, across the normal
+    float2 alphas;        // GGX alphas along the tangent and across it
+    float coat, coat_alpha;
+    float3 coat_normal;
+    float3 sheen;
+    float sheen_roughness;
+#endif
 } Surface;
 
 // A triangle as rays from one origin see it: what all their hits on it share.
@@ -218,7 +238,7 @@ static float3 emission_at(const Scene *scene, const Spot *spot)
 }
 
 #if HAS_NORMAL_MAPS && HAS_TEXTURES
-static float3 mapped_normal(const Scene *scene, const Spot *spot, float3 n)
+static float3 bent_normal(const Scene *scene, const Spot *spot, float3 n, uint role, float scale)
 {
     __global const Material *material = spot->facet->material;
     uint3 index = spot->facet->index;
@@ -227,9 +247,120 @@ static float3 mapped_normal(const Scene *scene, const Spot *spot, float3 n)
     // As MikkTSpace has it: interpolated, and not made orthogonal to the normal again.
     float3 t = unit_or(tangent.xyz, (float3)(0.0f));
     float3 b = cross(n, t) * (scene->tangents[index.x].w < 0.0f ? -1.0f : 1.0f);
-    float3 m = lookup(scene, &material->textures[2], &spot->at).xyz * 2.0f - 1.0f;
-    m.xy *= material->normal_scale;
+    float3 m = lookup(scene, &material->textures[role], &spot->at).xyz * 2.0f - 1.0f;
+    m.xy *= scale;
     return unit_or(t * m.x + b * m.y + n * m.z, n);
+}
+
+static float3 mapped_normal(const Scene *scene, const Spot *spot, float3 n)
+{
+    return bent_normal(scene, spot, n, 2u, spot->facet->material->normal_scale);
+}
+#endif
+
+#if HAS_GLASS
+static void add_glass(const Scene *scene, const Spot *spot, float3 d, Surface *s)
+{
+    __global const Material *material = spot->facet->material;
+    s->transmission = s->unlit ? 0.0f : material->transmission * (1.0f - s->metallic);
+#if HAS_TEXTURES
+    if (s->transmission > 0.0f && material->textures[TRANSMISSION_TEXTURE].texture != NONE)
+        s->transmission *= lookup(scene, &material->textures[TRANSMISSION_TEXTURE], &spot->at).x;
+#endif
+    s->ior = material->ior;
+    s->solid = (material->extras & MATERIAL_SOLID) != 0u;
+    s->back = dot3(spot->facet->geometric, d) > 0.0f;
+    s->attenuation = gload3(material->attenuation);
+}
+#endif
+
+#if HAS_LAYERS
+// Share of light that the coat reflects before it reaches what is below.
+static float coat_share(float coat, float3 coat_normal, float3 view)
+{
+    float m = 1.0f - clamp(dot3(coat_normal, view), 0.0f, 1.0f);
+    return coat * (0.04f + 0.96f * (m * m * m * m * m));
+}
+
+// A texture of a material's layers; white where there is none.
+static float4 layer_texture(const Scene *scene, const Spot *spot, uint role)
+{
+#if HAS_TEXTURES
+    __global const TextureUse *use = &spot->facet->material->textures[role];
+    if (use->texture != NONE)
+        return lookup(scene, use, &spot->at);
+#endif
+    return 1.0f;
+}
+
+// The direction of the texture coordinates' u at a spot, across n.
+static float3 tangent_at(const Scene *scene, const Spot *spot, float3 n)
+{
+    float3 t, b;
+    frame_around(n, &t, &b);
+    if (!scene->tangents)
+        return t;
+    uint3 index = spot->facet->index;
+    float3 w = spot->weights;
+    float3 given = scene->tangents[index.x].xyz * w.x + scene->tangents[index.y].xyz * w.y + scene->tangents[index.z].xyz * w.z;
+    return unit_or(given - n * dot3(given, n), t);
+}
+
+// Anisotropy's alphas and the tangent that they are along (KHR_materials_anisotropy).
+static void add_anisotropy(const Scene *scene, const Spot *spot, Surface *s)
+{
+    __global const Material *material = spot->facet->material;
+    s->tangent = tangent_at(scene, spot, s->normal);
+    s->alphas = s->alpha;
+    if (!(material->anisotropy > 0.0f) || !scene->tangents)
+        return;
+    float4 texel = layer_texture(scene, spot, ANISOTROPY_TEXTURE);
+    float2 turn = vload2(0, material->anisotropy_turn), along = turn;
+    float strength = material->anisotropy;
+#if HAS_TEXTURES
+    if (material->textures[ANISOTROPY_TEXTURE].texture != NONE) {
+        float2 d = texel.xy * 2.0f - 1.0f;
+        along = (float2)(turn.x * d.x - turn.y * d.y, turn.y * d.x + turn.x * d.y);
+        strength *= texel.z;
+    }
+#endif
+    // Bitangents are on the side that the tangents' sign tells.
+    float side = scene->tangents[spot->facet->index.x].w < 0.0f ? -1.0f : 1.0f;
+    float3 across = cross(s->normal, s->tangent) * side;
+    s->tangent = unit_or(s->tangent * along.x + across * along.y, s->tangent);
+    s->alphas.x = mix(s->alpha, 1.0f, strength * strength);
+}
+
+static float3 coat_normal_at(const Scene *scene, const Spot *spot, float3 n)
+{
+#if HAS_NORMAL_MAPS && HAS_TEXTURES
+    if (spot->facet->material->textures[COAT_NORMAL_TEXTURE].texture != NONE)
+        return bent_normal(scene, spot, n, COAT_NORMAL_TEXTURE, spot->facet->material->coat_normal_scale);
+#endif
+    return n;
+}
+
+// What a material adds to metallic-roughness. `n`: the vertices' normal.
+static void add_layers(const Scene *scene, const Spot *spot, float3 d, float3 n, Surface *s)
+{
+    __global const Material *material = spot->facet->material;
+    s->layered = (material->extras & MATERIAL_LAYERED) != 0u;
+    s->dielectric = 0.04f;
+    if (!s->layered)
+        return;
+    float3 color = gload3(material->dielectric) * layer_texture(scene, spot, SPECULAR_COLOR_TEXTURE).xyz;
+    s->specular = material->specular * layer_texture(scene, spot, SPECULAR_TEXTURE).w;
+    s->dielectric = min(color, 1.0f) * s->specular;
+    s->tinted = (material->extras & MATERIAL_TINTED) != 0u;
+    s->sheen = gload3(material->sheen) * layer_texture(scene, spot, SHEEN_COLOR_TEXTURE).xyz;
+    s->sheen_roughness = material->sheen_roughness * layer_texture(scene, spot, SHEEN_ROUGHNESS_TEXTURE).w;
+    s->coat = material->coat * layer_texture(scene, spot, COAT_TEXTURE).x;
+    float roughness = material->coat_roughness * layer_texture(scene, spot, COAT_ROUGHNESS_TEXTURE).y;
+    s->coat_alpha = max(roughness * roughness, 0.001f);
+    s->coat_normal = face_viewer(coat_normal_at(scene, spot, n), d, spot->facet->geometric);
+    add_anisotropy(scene, spot, s);
+    // Light from below the coat passes it.
+    s->emission *= 1.0f - coat_share(s->coat, s->coat_normal, -d);
 }
 #endif
 
@@ -252,8 +383,16 @@ __attribute__((noinline)) static Surface surface_at(const Scene *scene, uint pla
 #if HAS_TEXTURES
     if (material->textures[1].texture != NONE) {
         float4 mr = lookup(scene, &material->textures[1], &spot.at);
-        s.roughness *= mr.y;
-        s.metallic *= mr.z;
+#if HAS_LAYERS
+        // Specular-glossiness: see scene_buffers.rs.
+        if (material->extras & MATERIAL_GLOSSY) {
+            s.roughness = 1.0f - (1.0f - s.roughness) * mr.w;
+        } else
+#endif
+        {
+            s.roughness *= mr.y;
+            s.metallic *= mr.z;
+        }
     }
     if (material->textures[3].texture != NONE)
         s.occlusion = mix(1.0f, lookup(scene, &material->textures[3], &spot.at).x, material->occlusion_strength);
@@ -272,6 +411,12 @@ __attribute__((noinline)) static Surface surface_at(const Scene *scene, uint pla
     s.metallic = clamp(s.metallic, 0.0f, 1.0f);
     s.roughness = clamp(s.roughness, 0.0f, 1.0f);
     s.alpha = max(s.roughness * s.roughness, 0.001f);
+#if HAS_GLASS
+    add_glass(scene, &spot, d, &s);
+#endif
+#if HAS_LAYERS
+    add_layers(scene, &spot, d, smooth_normal(&spot), &s);
+#endif
     return s;
 }
 

@@ -237,14 +237,33 @@ static uint random_of_hit(uint place, float3 d, uint seed)
     return hash(place ^ hash(as_uint(d.x) ^ hash(as_uint(d.y) ^ hash(as_uint(d.z) ^ seed))));
 }
 
+// What a ray asks of a leaf.
+#define CLOSEST_FRONT 0
+#define ANY 1
+// As CLOSEST_FRONT; a ray without a hit, whose `triangle` was NONE, has BACK_MET there if it has met a surface from behind,
+// which keeps light from it.
+#define CLOSEST_OR_BACK 2
+#define BACK_MET 0xfffffffdu
+// As CLOSEST_FRONT, for what is seen: glass is met, where light passes it straight.
+#define SEEN 3
+
 #if HAS_ALPHA
 static float hit_alpha(const Scene *scene, uint place, uint packed, float3 weights);
 
 // A surface with alpha lets this ray pass: below the cutoff, or by chance where it blends.
-__attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint place, uint packed, float3 weights, float3 d, uint seed)
+// Light passes glass straight, as much as it lets through along its normal.
+__attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint place, uint packed, float3 weights, float3 d, uint kind,
+                                                   uint seed)
 {
-    float alpha = hit_alpha(scene, place, packed, weights);
+#if HAS_GLASS
+    float clear = scene->materials[TRIANGLE_MATERIAL(packed)].clear;
+    if (kind != SEEN && clear > 0.0f && fraction(random_of_hit(place, d, seed ^ 0x68bc21ebu)) < clear)
+        return true;
+#endif
     float cutoff = scene->materials[TRIANGLE_MATERIAL(packed)].alpha_cutoff;
+    if (kind == SEEN && seed == MEET_BLENDS && cutoff < 0.0f)
+        return false;
+    float alpha = hit_alpha(scene, place, packed, weights);
     return cutoff >= 0.0f ? alpha < cutoff : fraction(random_of_hit(place, d, seed)) >= alpha;
 }
 #endif
@@ -258,14 +277,6 @@ static int8 lanes_met(const Leaf *l, uint n, float3 d, float8 *u, float8 *v, flo
     int8 outside = (min(min(*u, *v), *w) < -l->error) & (max(max(*u, *v), *w) > l->error);
     return ~outside & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
 }
-
-// What a ray asks of a leaf.
-#define CLOSEST_FRONT 0
-#define ANY 1
-// As CLOSEST_FRONT; a ray without a hit, whose `triangle` was NONE, has BACK_MET there if it has met a surface from behind,
-// which keeps light from it.
-#define CLOSEST_OR_BACK 2
-#define BACK_MET 0xfffffffdu
 
 // Tests one ray against a leaf: true where it is hit (ANY), or a hit nearer than t_max was stored.
 static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, float3 d, float *t_max, uint *triangle,
@@ -305,7 +316,7 @@ static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, flo
         uint packed = scene->triangles[place].packed;
         if (packed & TRIANGLE_ALPHA) {
             float3 weights = volumes / (volumes.x + volumes.y + volumes.z);
-            if (alpha_passes(scene, place, packed, weights, d, seed))
+            if (alpha_passes(scene, place, packed, weights, d, kind, seed))
                 continue;
         }
 #endif

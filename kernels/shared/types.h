@@ -74,7 +74,21 @@ typedef struct {
     float occlusion_strength;
     float alpha_cutoff;
     uint unlit;
-    TextureUse textures[5];
+    uint extras;
+    float dielectric[3];
+    float specular;
+    float coat;
+    float coat_roughness;
+    float coat_normal_scale;
+    float sheen[3];
+    float sheen_roughness;
+    float anisotropy;
+    float anisotropy_turn[2];
+    float transmission;
+    float ior;
+    float attenuation[3];
+    float clear;
+    TextureUse textures[14];
 } Material;
 
 typedef struct {
@@ -168,3 +182,17 @@ typedef struct {
 #define UNTRACED 0xfffffffeu
 #define SUN_VISIBLE 0x80000000u
 #define CACHE_CELLS 0x40000u
+#define MEET_BLENDS 0xffffffffu
+#define MATERIAL_LAYERED 0x1u
+#define MATERIAL_TINTED 0x2u
+#define MATERIAL_GLOSSY 0x4u
+#define MATERIAL_SOLID 0x8u
+#define SPECULAR_TEXTURE 0x5u
+#define SPECULAR_COLOR_TEXTURE 0x6u
+#define COAT_TEXTURE 0x7u
+#define COAT_ROUGHNESS_TEXTURE 0x8u
+#define COAT_NORMAL_TEXTURE 0x9u
+#define SHEEN_COLOR_TEXTURE 0xau
+#define SHEEN_ROUGHNESS_TEXTURE 0xbu
+#define ANISOTROPY_TEXTURE 0xcu
+#define TRANSMISSION_TEXTURE 0xdu

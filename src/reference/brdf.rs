@@ -8,6 +8,8 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::layers;
+use super::radiance::glass::reflectance;
 use super::surface::Surface;
 
 /// The smallest GGX α: smoother surfaces are treated as this smooth.
@@ -18,6 +20,9 @@ pub const MIN_COSINE: f64 = 1e-4;
 
 /// The BRDF of a surface for light from the unit direction `light`, without the cosine.
 pub fn evaluate(surface: &Surface, light: DVec3) -> DVec3 {
+    if let Some(layers) = &surface.layers {
+        return layers::evaluate(surface, layers, light);
+    }
     let (n, v) = (surface.normal, surface.view);
     let n_l = n.dot(light);
     if n_l <= 0.0 {
@@ -27,9 +32,17 @@ pub fn evaluate(surface: &Surface, light: DVec3) -> DVec3 {
     let alpha = alpha(surface);
     let f0 = DVec3::splat(0.04).lerp(surface.base_color, surface.metallic);
     let fresnel = f0 + (1.0 - f0) * (1.0 - v.dot(h).abs().min(1.0)).powi(5);
-    let diffuse = (1.0 - fresnel) * (1.0 - surface.metallic) * surface.base_color / PI;
+    let fresnel =
+        surface.glass.map_or(fresnel, |glass| DVec3::splat(reflectance(v.dot(h).abs(), 1.0 / glass.ior)));
+    let diffuse = (1.0 - fresnel) * diffuse_color(surface) / PI;
     let specular = distribution(n.dot(h), alpha) * visibility(n_l, n.dot(v).max(MIN_COSINE), alpha);
     diffuse + fresnel * specular
+}
+
+/// What of a surface's colour reflects diffusely: none of metal or glass.
+pub fn diffuse_color(surface: &Surface) -> DVec3 {
+    let transmission = surface.glass.map_or(0.0, |glass| glass.transmission);
+    surface.base_color * ((1.0 - surface.metallic) * (1.0 - transmission))
 }
 
 /// A surface's GGX α.
@@ -55,14 +68,15 @@ fn visibility(n_l: f64, n_v: f64, alpha: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::reference::intersect::{Ray, Tracer};
     use crate::reference::testing::{floor, on_sphere};
     use crate::reference::{Random, TextureMode};
     use crate::scene::Material;
 
-    fn surface(metallic: f64, roughness: f64, color: f64, view: DVec3) -> Surface {
+    /// A surface with normal +Y, seen from a unit direction.
+    pub fn surface(metallic: f64, roughness: f64, color: f64, view: DVec3) -> Surface {
         let scene = floor(1.0, Material::default());
         let tracer = Tracer::new(&scene);
         let ray = Ray { origin: view + DVec3::new(0.1, 0.0, 0.2), direction: -view };

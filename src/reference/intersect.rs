@@ -130,12 +130,12 @@ impl<'a> Tracer<'a> {
     }
 
     /// The share of light that reaches the ray's origin from `t_max`, both sides of surfaces seen: 0 behind
-    /// anything opaque, the product of `1 - alpha` behind BLEND surfaces.
+    /// anything opaque, the product of `1 - alpha` behind BLEND surfaces and of [`Material::clear`] behind glass.
     pub fn transmittance(&self, ray: &Ray, t_max: f64) -> f64 {
         let mut left = 1.0;
         self.bvh.walk(ray, t_max, |triangle, far| {
             if let Some(hit) = self.meet(ray, triangle).filter(|hit| hit.t < t_max) {
-                left *= 1.0 - self.coverage(&hit);
+                left *= 1.0 - self.coverage(&hit) * (1.0 - f64::from(self.material(hit.triangle).clear()));
             }
             if left > 0.0 { far } else { -1.0 }
         });

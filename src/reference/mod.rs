@@ -10,8 +10,8 @@
 //! - Back hits of double-sided surfaces reverse the whole normal, normal map included. A shading normal n
 //!   whose cosine c with the direction v towards the viewer is below 0.01 is bent towards the viewer:
 //!   n + (0.01 - c) v, normalised. Light arrives only from directions above both the geometric surface (on the viewer's side) and the shading normal.
-//! - The BRDF is glTF 2.0's metallic-roughness model, see [`brdf`]. An unlit surface shows its base colour
-//!   and nothing else. Emission is added at every surface that a camera or bounce ray meets.
+//! - The BRDF is glTF 2.0's metallic-roughness model, see [`brdf`], with what extensions add, see [`layers`]. An unlit surface shows its base colour
+//!   and nothing else. What is seen through glass is in [`radiance::glass`]. Emission is added at every surface that a camera or bounce ray meets.
 //! - Light is the environment map (dimmed by the occlusion texture), the sun's disc and the punctual
 //!   lights (neither dimmed), with hard visibility; then up to four further bounces, each of which gathers
 //!   the light that other surfaces send, the direct light of those surfaces included.
@@ -21,6 +21,7 @@ pub mod accumulate;
 pub mod brdf;
 mod bvh;
 pub mod intersect;
+pub mod layers;
 pub mod light;
 pub mod radiance;
 pub mod random;

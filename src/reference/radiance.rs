@@ -3,6 +3,8 @@
 //! Sampling is on purpose not the kernels': directions come from one mixture density of cosine, GGX
 //! normals (Walter et al. 2007, not the visible ones) and the map's cumulative power, without MIS.
 
+pub mod glass;
+
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3};
@@ -154,7 +156,7 @@ impl<'a> Renderer<'a> {
         if depth < self.bounces || self.has_emitters {
             light += self.bounce(surface, depth, random);
         }
-        light
+        light + self.through(surface, random)
     }
 
     /// One sample of what other surfaces send by way of this one: what is their own, as direct light, and what they

@@ -3,8 +3,9 @@
 use glam::{DVec2, DVec3, DVec4};
 
 use super::intersect::{Hit, Ray, Tracer};
+use super::layers::{SurfaceLayers, alpha_of, coat_share};
 use super::texture::{self, TextureMode};
-use crate::scene::{Scene, TextureRef};
+use crate::scene::{Layers, Scene, TextureRef};
 
 /// Rays that leave a surface start this fraction of its largest coordinate above it: 4096 times finer
 /// than the positions' own `f32` rounding, and far above that of `f64`.
@@ -38,7 +39,26 @@ pub struct Surface {
     pub occlusion: f64,
     /// The base colour is what is seen.
     pub unlit: bool,
+    /// What extensions add.
+    pub layers: Option<SurfaceLayers>,
+    /// What glass is.
+    pub glass: Option<SurfaceGlass>,
     lift: f64,
+}
+
+/// A surface that light passes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceGlass {
+    /// How much passes instead of being reflected diffusely, 0 to 1.
+    pub transmission: f64,
+    /// The index of refraction.
+    pub ior: f64,
+    /// It has an inside, and refracts.
+    pub solid: bool,
+    /// It is seen from inside.
+    pub back: bool,
+    /// What the inside absorbs, a metre.
+    pub attenuation: DVec3,
 }
 
 impl Surface {
@@ -58,25 +78,112 @@ impl Surface {
         let metallic_roughness = read(&material.metallic_roughness_texture);
         let occlusion = read(&material.occlusion_texture).x;
         let emissive = read(&material.emissive_texture).truncate();
-        Surface {
+        let glossy = material.layers.as_ref().is_some_and(|layers| layers.glossy);
+        let (metallic, roughness) = if glossy {
+            (0.0, 1.0 - (1.0 - f64::from(material.roughness)) * metallic_roughness.w)
+        } else {
+            let [roughness, metallic] = [metallic_roughness.y, metallic_roughness.z];
+            (f64::from(material.metallic) * metallic, f64::from(material.roughness) * roughness)
+        };
+        let surface = Surface {
             position: interpolate(hit, corners),
             geometric_normal: geometric * side,
-            normal: facing(shading_normal(scene, hit, geometric, mode) * side, view, geometric * side),
+            normal: facing(
+                mapped(scene, hit, geometric, mode, &material.normal_texture, material.normal_scale) * side,
+                view,
+                geometric * side,
+            ),
             view,
             base_color: base.truncate(),
             alpha: base.w.clamp(0.0, 1.0),
-            metallic: (f64::from(material.metallic) * metallic_roughness.z).clamp(0.0, 1.0),
-            roughness: (f64::from(material.roughness) * metallic_roughness.y).clamp(0.0, 1.0),
+            metallic: metallic.clamp(0.0, 1.0),
+            roughness: roughness.clamp(0.0, 1.0),
             emission: material.emissive.as_dvec3() * emissive,
             occlusion: 1.0 + f64::from(material.occlusion_strength) * (occlusion - 1.0),
             unlit: material.unlit,
+            layers: None,
+            glass: None,
             lift: LIFT * corners.iter().fold(0.0, |most: f64, corner| most.max(corner.abs().max_element())),
+        };
+        let glass = material.glass.as_ref().filter(|_| !material.unlit).map(|glass| SurfaceGlass {
+            transmission: f64::from(glass.transmission) * read(&glass.texture).x * (1.0 - surface.metallic),
+            ior: f64::from(glass.ior),
+            solid: glass.solid,
+            back: hit.back,
+            attenuation: glass.attenuation.as_dvec3(),
+        });
+        let surface = Surface { glass: glass.filter(|glass| glass.transmission > 0.0), ..surface };
+        match &material.layers {
+            Some(layers) => surface.with_layers(tracer, hit, layers, mode),
+            None => surface,
         }
+    }
+
+    fn with_layers(self, tracer: &Tracer, hit: &Hit, layers: &Layers, mode: TextureMode) -> Self {
+        let scene = tracer.scene();
+        let [a, b, c] = tracer.corners[hit.triangle as usize];
+        let geometric = (b - a).cross(c - a).normalize_or_zero();
+        let side = if hit.back { -1.0 } else { 1.0 };
+        let read = |reference: &Option<TextureRef>| {
+            reference.as_ref().map_or(DVec4::ONE, |reference| lookup(scene, hit, reference, mode))
+        };
+        let color = layers.dielectric.as_dvec3() * read(&layers.specular_color_texture).truncate();
+        let specular = f64::from(layers.specular) * read(&layers.specular_texture).w;
+        let bent = mapped(scene, hit, geometric, mode, &layers.coat_normal_texture, layers.coat_normal_scale);
+        let coat_normal = facing(bent * side, self.view, self.geometric_normal);
+        let coat = f64::from(layers.coat) * read(&layers.coat_texture).x;
+        let (tangent, alphas) = self.anisotropy(scene, hit, layers, mode);
+        let added = SurfaceLayers {
+            dielectric: color.min(DVec3::ONE) * specular,
+            specular,
+            tinted: layers.is_tinted(),
+            tangent,
+            alphas,
+            coat,
+            coat_alpha: alpha_of(f64::from(layers.coat_roughness) * read(&layers.coat_roughness_texture).y),
+            coat_normal,
+            sheen: layers.sheen_color.as_dvec3() * read(&layers.sheen_color_texture).truncate(),
+            sheen_roughness: f64::from(layers.sheen_roughness) * read(&layers.sheen_roughness_texture).w,
+        };
+        let emission = self.emission * (1.0 - coat_share(coat, coat_normal, self.view));
+        Surface { layers: Some(added), emission, ..self }
+    }
+
+    /// The tangent along which highlights are stretched, and the alphas along and across it.
+    fn anisotropy(&self, scene: &Scene, hit: &Hit, layers: &Layers, mode: TextureMode) -> (DVec3, DVec2) {
+        let alpha = alpha_of(self.roughness);
+        let any = self.normal.any_orthonormal_vector();
+        if layers.anisotropy == 0.0 || scene.mesh.tangents.is_empty() {
+            return (any, DVec2::splat(alpha));
+        }
+        let given = vertices(scene, hit).map(|v| scene.mesh.tangents[v].as_dvec4());
+        let mean: DVec4 = interpolate(hit, given);
+        let u = mean.truncate().reject_from(self.normal).try_normalize().unwrap_or(any);
+        let v = self.normal.cross(u) * given[0].w.signum();
+        let (mut direction, mut strength) = (DVec2::X, f64::from(layers.anisotropy));
+        if let Some(reference) = &layers.anisotropy_texture {
+            let texel = lookup(scene, hit, reference, mode);
+            direction = DVec2::new(texel.x, texel.y) * 2.0 - 1.0;
+            strength *= texel.z;
+        }
+        let direction = DVec2::from_angle(f64::from(layers.anisotropy_rotation)).rotate(direction);
+        let tangent = (u * direction.x + v * direction.y).try_normalize().unwrap_or(u);
+        (tangent, DVec2::new(alpha + (1.0 - alpha) * strength * strength, alpha))
     }
 
     /// A ray that leaves the surface on the viewer's side.
     pub fn spawn(&self, direction: DVec3) -> Ray {
         Ray { origin: self.position + self.geometric_normal * self.lift, direction }
+    }
+
+    /// The same, not transmissive.
+    pub fn without_glass(self) -> Self {
+        Surface { glass: None, ..self }
+    }
+
+    /// A ray that leaves the surface on the other side.
+    pub fn spawn_behind(&self, direction: DVec3) -> Ray {
+        Ray { origin: self.position - self.geometric_normal * self.lift, direction }
     }
 
     /// Whether light from a unit direction can arrive: it is above the triangle and the shading normal.
@@ -113,24 +220,30 @@ fn lookup(scene: &Scene, hit: &Hit, reference: &TextureRef, mode: TextureMode) -
     texture::sample(&scene.textures[reference.texture as usize], uv, mode)
 }
 
-/// The unit normal on the triangle's front: interpolated, then bent by the normal map in the frame of the
-/// interpolated tangent t, the bitangent cross(n, t) * w and n.
-fn shading_normal(scene: &Scene, hit: &Hit, geometric: DVec3, mode: TextureMode) -> DVec3 {
+/// The unit normal on the triangle's front: interpolated, then bent by a normal map, if there is one, in the frame
+/// of the interpolated tangent t, the bitangent cross(n, t) * w and n.
+fn mapped(
+    scene: &Scene,
+    hit: &Hit,
+    geometric: DVec3,
+    mode: TextureMode,
+    map: &Option<TextureRef>,
+    scale: f32,
+) -> DVec3 {
     let mesh = &scene.mesh;
-    let material = &scene.materials[mesh.materials[hit.triangle as usize] as usize];
     let n = if mesh.normals.is_empty() {
         geometric
     } else {
         let smooth: DVec3 = interpolate(hit, vertices(scene, hit).map(|v| mesh.normals[v].as_dvec3()));
         smooth.try_normalize().unwrap_or(geometric)
     };
-    let (Some(reference), false) = (&material.normal_texture, mesh.tangents.is_empty()) else { return n };
+    let (Some(reference), false) = (map, mesh.tangents.is_empty()) else { return n };
     let tangent: DVec4 = interpolate(hit, vertices(scene, hit).map(|v| mesh.tangents[v].as_dvec4()));
     let Some(t) = tangent.truncate().try_normalize() else { return n };
     let bitangent = n.cross(t) * tangent.w.signum();
-    let mapped = lookup(scene, hit, reference, mode).truncate() * 2.0 - 1.0;
-    let scale = f64::from(material.normal_scale);
-    let bent = t * (mapped.x * scale) + bitangent * (mapped.y * scale) + n * mapped.z;
+    let texel = lookup(scene, hit, reference, mode).truncate() * 2.0 - 1.0;
+    let scale = f64::from(scale);
+    let bent = t * (texel.x * scale) + bitangent * (texel.y * scale) + n * texel.z;
     bent.try_normalize().unwrap_or(n)
 }
 

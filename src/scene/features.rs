@@ -11,7 +11,7 @@ pub struct Features {
     pub textures: bool,
     /// Some material has a normal map.
     pub normal_maps: bool,
-    /// Some material is MASK or BLEND, so a hit may be a miss.
+    /// Some material is MASK, BLEND or glass, so a hit may be a miss.
     pub alpha: bool,
     /// There are vertex colours.
     pub vertex_colors: bool,
@@ -19,6 +19,10 @@ pub struct Features {
     pub sun: bool,
     /// There is something to aim at that lights others: see [`emitters::any`].
     pub emitters: bool,
+    /// Some material has more than metallic-roughness: see [`super::Layers`].
+    pub layers: bool,
+    /// Some material is glass.
+    pub glass: bool,
 }
 
 impl Features {
@@ -27,16 +31,18 @@ impl Features {
         let any = |f: &dyn Fn(&super::Material) -> bool| scene.materials.iter().any(f);
         Features {
             textures: !scene.textures.is_empty(),
-            normal_maps: any(&|m| m.normal_texture.is_some()),
-            alpha: any(&|m| m.alpha != AlphaMode::Opaque),
+            normal_maps: any(&has_normal_map),
+            alpha: any(&|m| m.alpha != AlphaMode::Opaque || m.glass.is_some()),
             vertex_colors: !scene.mesh.colors.is_empty(),
             sun: environment.sun.is_some(),
             emitters: emitters::any(scene),
+            layers: any(&|m| m.layers.is_some()),
+            glass: any(&|m| m.glass.is_some()),
         }
     }
 
     /// Every feature with its kernel name, in a fixed order.
-    pub fn defines(&self) -> [(&'static str, bool); 6] {
+    pub fn defines(&self) -> [(&'static str, bool); 8] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_NORMAL_MAPS", self.normal_maps),
@@ -44,6 +50,13 @@ impl Features {
             ("HAS_VERTEX_COLORS", self.vertex_colors),
             ("HAS_SUN", self.sun),
             ("HAS_EMITTERS", self.emitters),
+            ("HAS_LAYERS", self.layers),
+            ("HAS_GLASS", self.glass),
         ]
     }
+}
+
+fn has_normal_map(material: &super::Material) -> bool {
+    let coat = material.layers.as_ref().and_then(|layers| layers.coat_normal_texture);
+    material.normal_texture.is_some() || coat.is_some()
 }

@@ -2,6 +2,8 @@
 
 use glam::{Mat2, Vec2, Vec3, Vec4};
 
+use super::layers::Layers;
+
 /// A use of a texture by a material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureRef {
@@ -59,6 +61,39 @@ pub struct Material {
     pub double_sided: bool,
     /// KHR_materials_unlit: the base colour is what is seen.
     pub unlit: bool,
+    /// What extensions add; none in most materials.
+    pub layers: Option<Box<Layers>>,
+    /// It is glass.
+    pub glass: Option<Glass>,
+}
+
+/// KHR_materials_transmission, with KHR_materials_volume where there is an inside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Glass {
+    /// How much light passes instead of being reflected diffusely, 0 to 1.
+    pub transmission: f32,
+    /// Its texture, in R.
+    pub texture: Option<TextureRef>,
+    /// Index of refraction (KHR_materials_ior), 1 or more.
+    pub ior: f32,
+    /// There is an inside (KHR_materials_volume's thickness is above 0): light is refracted. Thin glass lets it go
+    /// on straight. The loader makes what is solid double-sided.
+    pub solid: bool,
+    /// What the inside absorbs, a metre.
+    pub attenuation: Vec3,
+}
+
+impl Material {
+    /// The share of light for other surfaces that passes this one straight: what glass lets through along its
+    /// normal, without its textures. Light that glass bundles is not looked for.
+    pub fn clear(&self) -> f32 {
+        let Some(glass) = &self.glass else { return 0.0 };
+        let base = self.base_color;
+        let color = 0.2126 * base.x + 0.7152 * base.y + 0.0722 * base.z;
+        let passed = if glass.solid { color.max(0.0).sqrt() } else { color };
+        let reflected = ((glass.ior - 1.0) / (glass.ior + 1.0)).powi(2);
+        (glass.transmission * (1.0 - self.metallic) * (1.0 - reflected) * passed).clamp(0.0, 1.0)
+    }
 }
 
 impl Default for Material {
@@ -80,6 +115,8 @@ impl Default for Material {
             alpha: AlphaMode::Opaque,
             double_sided: false,
             unlit: false,
+            layers: None,
+            glass: None,
         }
     }
 }

@@ -11,6 +11,7 @@ pub mod generate;
 pub mod gltf;
 pub mod importance;
 pub mod info;
+pub mod layers;
 pub mod light_tree;
 pub mod material;
 pub mod pick;
@@ -22,7 +23,8 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 
 pub use environment::{Environment, Sun};
 pub use features::Features;
-pub use material::{AlphaMode, Material, TextureRef};
+pub use layers::Layers;
+pub use material::{AlphaMode, Glass, Material, TextureRef};
 pub use texture::Texture;
 pub use viewpoint::{Viewpoint, default_viewpoint};
 

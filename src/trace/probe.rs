@@ -231,6 +231,7 @@ impl Probe {
                     Arg::U32(0),
                     Arg::U32(self.tile_count),
                     Arg::buffer(&self.pixel_hits),
+                    Arg::U32(self.camera.seed),
                 ]);
                 let blocks = self.tile_count as usize * BLOCKS_PER_TILE;
                 self.pixels.launch(&args, self.walk.items_of_blocks(blocks), group)

@@ -12,7 +12,9 @@ use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
 use crate::layout::{self, pack_normal};
 use crate::scene::importance::DirectionTable;
-use crate::scene::{AlphaMode, Environment, Features, LightKind, Scene, TextureRef, emitters, texture::Wrap};
+use crate::scene::{
+    AlphaMode, Environment, Features, Layers, LightKind, Scene, TextureRef, emitters, texture::Wrap,
+};
 
 use super::emitters::{PackedEmitters, lights_asked, lights_in_order};
 
@@ -126,7 +128,8 @@ impl SceneData {
             leaves: bvh.leaf_vertices(&mesh.positions, &mesh.triangles),
             triangles: pack_triangles(scene, bvh),
             normals: mesh.normals.iter().map(|n| pack_normal(n.to_array())).collect(),
-            tangents: features.normal_maps.then(|| bytemuck::cast_slice(&mesh.tangents).to_vec()),
+            tangents: ((features.normal_maps || features.layers) && !mesh.tangents.is_empty())
+                .then(|| bytemuck::cast_slice(&mesh.tangents).to_vec()),
             uvs: [uv(0), uv(1)],
             colors: features.vertex_colors.then(|| mesh.colors.iter().map(pack_color).collect()),
             materials: pack_materials(scene),
@@ -322,7 +325,7 @@ fn pack_triangles(scene: &Scene, bvh: &WideBvh) -> Vec<layout::Triangle> {
         let material = scene.mesh.materials[slot.triangle as usize];
         let properties = &scene.materials[material as usize];
         let mut packed = material | u32::from(slot.lane) << 20 | (u32::from(slot.leaf_len) - 1) << 23;
-        if properties.alpha != AlphaMode::Opaque {
+        if properties.alpha != AlphaMode::Opaque || properties.glass.is_some() {
             packed |= layout::TRIANGLE_ALPHA;
         }
         if properties.double_sided {
@@ -346,7 +349,25 @@ fn pack_use(texture: Option<TextureRef>) -> layout::TextureUse {
 }
 
 fn pack_materials(scene: &Scene) -> Vec<layout::Material> {
-    let pack = |m: &crate::scene::Material| layout::Material {
+    scene.materials.iter().map(pack_material).collect()
+}
+
+fn pack_material(m: &crate::scene::Material) -> layout::Material {
+    let without = Layers::default();
+    let layers = m.layers.as_deref().unwrap_or(&without);
+    let flag = |on: bool, bit: u32| if on { bit } else { 0 };
+    let mut textures = [pack_use(None); 14];
+    let base = [
+        m.base_color_texture,
+        m.metallic_roughness_texture,
+        m.normal_texture,
+        m.occlusion_texture,
+        m.emissive_texture,
+    ];
+    let glass = m.glass.as_ref();
+    let all = base.into_iter().chain(layers.textures()).chain([glass.and_then(|glass| glass.texture)]);
+    textures.iter_mut().zip(all).for_each(|(packed, texture)| *packed = pack_use(texture));
+    layout::Material {
         base_color: m.base_color.to_array(),
         emissive: m.emissive.to_array(),
         metallic: m.metallic,
@@ -355,19 +376,30 @@ fn pack_materials(scene: &Scene) -> Vec<layout::Material> {
         occlusion_strength: m.occlusion_strength,
         alpha_cutoff: match m.alpha {
             AlphaMode::Mask(cutoff) => cutoff.max(0.0),
-            AlphaMode::Opaque | AlphaMode::Blend => -1.0,
+            // Glass asks, too: no alpha is below 0.
+            AlphaMode::Opaque => 0.0,
+            AlphaMode::Blend => -1.0,
         },
         unlit: u32::from(m.unlit),
-        textures: [
-            m.base_color_texture,
-            m.metallic_roughness_texture,
-            m.normal_texture,
-            m.occlusion_texture,
-            m.emissive_texture,
-        ]
-        .map(pack_use),
-    };
-    scene.materials.iter().map(pack).collect()
+        extras: flag(m.layers.is_some(), layout::MATERIAL_LAYERED)
+            | flag(layers.is_tinted(), layout::MATERIAL_TINTED)
+            | flag(layers.glossy, layout::MATERIAL_GLOSSY)
+            | flag(glass.is_some_and(|glass| glass.solid), layout::MATERIAL_SOLID),
+        dielectric: layers.dielectric.to_array(),
+        specular: layers.specular,
+        coat: layers.coat,
+        coat_roughness: layers.coat_roughness,
+        coat_normal_scale: layers.coat_normal_scale,
+        sheen: layers.sheen_color.to_array(),
+        sheen_roughness: layers.sheen_roughness,
+        anisotropy: layers.anisotropy,
+        anisotropy_turn: [layers.anisotropy_rotation.cos(), layers.anisotropy_rotation.sin()],
+        transmission: glass.map_or(0.0, |glass| glass.transmission),
+        ior: glass.map_or(1.5, |glass| glass.ior),
+        attenuation: glass.map_or([0.0; 3], |glass| glass.attenuation.to_array()),
+        clear: m.clear(),
+        textures,
+    }
 }
 
 fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, Vec<[u8; 4]>)> {

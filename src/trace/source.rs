@@ -6,7 +6,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 28] = [
+const FILES: [&str; 31] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -18,9 +18,11 @@ const FILES: [&str; 28] = [
     include_str!("../../kernels/shared/surface.h"),
     include_str!("../../kernels/shared/eight.h"),
     include_str!("../../kernels/shared/bsdf.h"),
+    include_str!("../../kernels/shared/layers.h"),
     include_str!("../../kernels/shared/environment.h"),
     include_str!("../../kernels/shared/punctual.h"),
     include_str!("../../kernels/shared/emitters.h"),
+    include_str!("../../kernels/shared/glass.h"),
     include_str!("../../kernels/shared/light.h"),
     include_str!("../../kernels/shared/cache.h"),
     include_str!("../../kernels/shared/camera.h"),
@@ -30,6 +32,7 @@ const FILES: [&str; 28] = [
     include_str!("../../kernels/shared/beam.h"),
     include_str!("../../kernels/shared/groups.h"),
     include_str!("../../kernels/shared/sun.h"),
+    include_str!("../../kernels/blend.cl"),
     include_str!("../../kernels/visibility.cl"),
     include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/cache.cl"),

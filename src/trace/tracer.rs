@@ -6,7 +6,7 @@ use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
 use crate::isolated;
-use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
+use crate::layout::{self, HitRecord, MEET_BLENDS, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
@@ -72,12 +72,18 @@ pub struct Tracer {
     trace_samples: Kernel,
     describe_pixels: Kernel,
     share_edges: Kernel,
+    settle_blends: Kernel,
+    share_blends: Kernel,
     shade_samples: Kernel,
     pack_visibility: Kernel,
     light: LightCache,
     counters: Buffer<u32>,
     /// Grown when a view needs more.
     hits: Buffer<HitRecord>,
+    /// Whether surfaces may cover pixels in part.
+    may_blend: bool,
+    /// Alpha codes of pixels' first surfaces, where it may.
+    alphas: Buffer<u8>,
 }
 
 /// A view's samples and tiles in a device's memory.
@@ -221,10 +227,14 @@ impl Tracer {
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
             share_edges: program.kernel("share_edges")?,
+            settle_blends: program.kernel("settle_blends")?,
+            share_blends: program.kernel("share_blends")?,
             shade_samples: bundles.kernel("shade_samples")?,
             pack_visibility: program.kernel("pack_visibility")?,
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
+            may_blend: data.features.alpha,
+            alphas: Buffer::new(device, 1)?,
             device: device.clone(),
         })
     }
@@ -325,6 +335,9 @@ impl Tracer {
         let needed = if settings.guided { view.pixels() } else { pattern.whole.samples.len() };
         if self.hits.len() < needed {
             self.hits = untraced(&self.device, needed)?;
+            if self.may_blend {
+                self.alphas = Buffer::from_slice(&self.device, &vec![0; needed])?;
+            }
         }
         self.counters.write(&[0, 0])?;
         let camera = camera(view, self.anchor, settings);
@@ -430,29 +443,36 @@ impl Tracer {
         for (part, first) in parts.iter().zip(starts) {
             let count = part.tiles.end - first;
             traced += count * TILE_PIXELS;
-            events.push(self.describe(camera, shading, &pattern.tiles, first, count, records)?);
+            events.push(self.describe(camera, shading, edge_rays, &pattern.tiles, first, count, records)?);
         }
         if edge_rays > 0 {
             let (ring, blocks) = pattern.ring(parts);
             if !ring.is_empty() {
                 traced += blocks * TILE_PIXELS / BLOCKS_PER_TILE as u32;
                 let list = Buffer::from_slice(&self.device, &ring)?;
-                let around = self.describe(camera, shading, &list, 0, ring.len() as u32, records)?;
+                let around =
+                    self.describe(camera, shading, edge_rays, &list, 0, ring.len() as u32, records)?;
                 events[0].extend(around);
             }
             for (part, events) in parts.iter().zip(&mut events) {
                 events.push(self.share_edges(camera, edge_rays, pattern, part, records)?);
+                if self.may_blend {
+                    events.push(self.share_blends(camera, pattern, part, records)?);
+                }
             }
         }
         let pixels = u64::from(camera.width) * u64::from(camera.height);
         Ok((events, u64::from(traced).min(pixels)))
     }
 
-    /// Finds the hits of the pixels of tiles `first..first + count` of a list, and describes them.
+    /// Finds the hits of the pixels of tiles `first..first + count` of a list, and describes them. Where neighbours
+    /// are known, as edges need them, BLEND surfaces are shared between pixels.
+    #[allow(clippy::too_many_arguments)]
     fn describe(
         &self,
         camera: &layout::Camera,
         shading: &layout::Shading,
+        edge_rays: u32,
         list: &Buffer<u32>,
         first: u32,
         count: u32,
@@ -465,12 +485,39 @@ impl Tracer {
         args.push(Arg::value(camera));
         args.extend(tiles);
         args.push(Arg::buffer(&self.hits));
-        let trace = self.trace_pixels.launch(&args, self.walks.pixels.items_of_blocks(blocks), group)?;
+        let blends = self.may_blend && edge_rays > 0;
+        args.push(Arg::U32(if blends { MEET_BLENDS } else { camera.seed }));
+        let items = self.walks.pixels.items_of_blocks(blocks);
+        let mut events = vec![self.trace_pixels.launch(&args, items, group)?];
+        if blends {
+            args.pop();
+            args.push(Arg::buffer(&self.alphas));
+            events.push(self.settle_blends.launch(&args, blocks, group)?);
+        }
         let mut args = self.scene.args(self.walks.pixels);
         args.extend([Arg::value(camera), Arg::value(shading)]);
         args.extend(tiles);
         args.extend([Arg::buffer(&self.hits), Arg::buffer(records), Arg::buffer(&self.counters)]);
-        Ok(vec![trace, self.describe_pixels.launch(&args, blocks, group)?])
+        events.push(self.describe_pixels.launch(&args, blocks, group)?);
+        Ok(events)
+    }
+
+    fn share_blends(
+        &self,
+        camera: &layout::Camera,
+        pattern: &TracePattern,
+        part: &Part,
+        records: &Buffer<VisibilityRecord>,
+    ) -> Result<Event> {
+        let args = [
+            Arg::value(camera),
+            Arg::buffer(&pattern.tiles),
+            Arg::U32(part.tiles.start),
+            Arg::U32(part.tiles.len() as u32),
+            Arg::buffer(&self.alphas),
+            Arg::buffer(records),
+        ];
+        self.share_blends.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.walks.pixels.group())
     }
 
     fn share_edges(

@@ -88,7 +88,7 @@ impl Idle {
             args.push(Arg::value(&camera));
             let none = [Arg::U32(0), Arg::U32(0)];
             match *name {
-                "trace_pixels" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
+                "trace_pixels" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE, none[0]]),
                 "trace_samples" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
                 "share_edges" => args.extend([
                     Arg::U32(1),

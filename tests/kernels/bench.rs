@@ -20,6 +20,8 @@ pub const EVERYTHING: Features = Features {
     vertex_colors: true,
     sun: true,
     emitters: true,
+    layers: true,
+    glass: true,
 };
 
 /// 32 rays, no bounces, records of radiance.

@@ -2,7 +2,7 @@
 
 use foveate::math::view::View;
 use foveate::scene::sky::Sky;
-use foveate::scene::{AlphaMode, Environment, Light, LightKind, Material, Scene, Sun};
+use foveate::scene::{AlphaMode, Environment, Glass, Layers, Light, LightKind, Material, Scene, Sun};
 use glam::{DVec3, Vec3, Vec4};
 
 use crate::bench::view;
@@ -42,6 +42,133 @@ fn materials() {
             case("glossy dielectric", plastic(0.2)),
             case("half metal", Material { metallic: 0.5, roughness: 0.4, ..metal(gold, 0.4) }),
         ]
+    });
+}
+
+/// A material for each extension, and one for all together.
+pub fn layered_materials() -> Vec<(&'static str, Material)> {
+    let with = |base: Material, change: &dyn Fn(&mut Layers)| {
+        let mut layers = Layers::default();
+        change(&mut layers);
+        Material { layers: Some(Box::new(layers)), ..base }
+    };
+    let plastic = |roughness| Material { roughness, ..matt(0.4) };
+    let gold = metal(Vec3::new(1.0, 0.7, 0.3), 0.5);
+    vec![
+        (
+            "tinted specular",
+            with(plastic(0.4), &|l| (l.dielectric, l.specular) = (Vec3::new(0.5, 0.2, 0.02), 0.7)),
+        ),
+        ("index of 2.4", with(plastic(0.3), &|l| l.dielectric = Vec3::splat(0.17))),
+        ("no specular", with(plastic(0.3), &|l| l.specular = 0.0)),
+        (
+            "gold by specular-glossiness",
+            with(Material { roughness: 0.4, ..matt(0.0) }, &|l| {
+                l.dielectric = Vec3::new(1.0, 0.7, 0.3);
+            }),
+        ),
+        ("coated gold", with(gold.clone(), &|l| (l.coat, l.coat_roughness) = (1.0, 0.35))),
+        ("half coat on plastic", with(plastic(0.8), &|l| (l.coat, l.coat_roughness) = (0.5, 0.3))),
+        (
+            "velvet",
+            with(plastic(1.0), &|l| {
+                (l.sheen_color, l.sheen_roughness) = (Vec3::new(0.9, 0.3, 0.5), 0.5);
+            }),
+        ),
+        ("brushed gold", with(gold, &|l| (l.anisotropy, l.anisotropy_rotation) = (0.8, 0.6))),
+        (
+            "everything",
+            with(Material { metallic: 0.3, ..plastic(0.4) }, &|l| {
+                (l.dielectric, l.specular) = (Vec3::new(0.1, 0.05, 0.2), 0.8);
+                (l.coat, l.coat_roughness) = (0.6, 0.4);
+                (l.sheen_color, l.sheen_roughness) = (Vec3::new(0.2, 0.3, 0.4), 0.6);
+                (l.anisotropy, l.anisotropy_rotation) = (0.5, -1.0);
+            }),
+        ),
+    ]
+}
+
+#[test]
+fn layers() {
+    assert_all_agree(|| {
+        let case = |(name, material): (&'static str, Material)| {
+            Case::new(name, stage(material.clone(), material), colourful())
+        };
+        layered_materials().into_iter().map(case).collect()
+    });
+}
+
+/// A block of a material above a floor, which it does not touch.
+fn over_floor(material: Material) -> Scene {
+    let mut scene = scene_of(vec![matt(0.6), material]);
+    floor(&mut scene, 6.0, 0.0, 0);
+    cuboid(&mut scene, Vec3::new(-0.9, 0.1, -0.5), Vec3::new(0.1, 0.9, 0.4), 1);
+    scene
+}
+
+/// What is seen through glass, thin and solid, smooth and rough, and in its shadow.
+#[test]
+fn glass() {
+    assert_all_agree(|| {
+        let with = |glass: Glass, roughness: f32, color: Vec3| Material {
+            base_color: color.extend(1.0),
+            roughness,
+            double_sided: glass.solid,
+            glass: Some(glass),
+            ..matt(1.0)
+        };
+        let thin =
+            Glass { transmission: 1.0, texture: None, ior: 1.5, solid: false, attenuation: Vec3::ZERO };
+        let solid = Glass { solid: true, attenuation: Vec3::new(0.2, 1.0, 2.0), ..thin };
+        let case = |name, glass, roughness, color| Case {
+            paths: 16_000,
+            ..Case::new(name, over_floor(with(glass, roughness, color)), colourful())
+        };
+        vec![
+            case("thin glass", thin, 0.0, Vec3::ONE),
+            case("thin frosted glass", Glass { transmission: 0.7, ..thin }, 0.5, Vec3::new(0.9, 0.6, 0.3)),
+            case("solid glass", solid, 0.0, Vec3::ONE),
+            case(
+                "solid rough glass of index 1.8",
+                Glass { ior: 1.8, ..solid },
+                0.4,
+                Vec3::new(0.5, 0.9, 0.7),
+            ),
+        ]
+    });
+}
+
+/// Each texture of layers, as the kernels and the reference read it.
+#[test]
+fn textured_layers() {
+    assert_all_agree(|| {
+        let mut scene = speckled();
+        for (index, material) in scene.materials.iter_mut().enumerate() {
+            let use_of = |texture: u32| mapped(texture, 0.3);
+            // As the loader has it: glossy surfaces have no metalness.
+            material.metallic *= if index == 1 { 0.0 } else { 1.0 };
+            material.layers = Some(Box::new(Layers {
+                dielectric: Vec3::splat(0.5),
+                specular: 0.9,
+                specular_color_texture: use_of(0),
+                specular_texture: use_of(1),
+                coat: 0.8,
+                coat_texture: use_of(1),
+                coat_roughness: 0.9,
+                coat_roughness_texture: use_of(1),
+                coat_normal_texture: use_of(2),
+                sheen_color: Vec3::splat(0.5),
+                sheen_color_texture: use_of(0),
+                sheen_roughness: 0.9,
+                sheen_roughness_texture: use_of(1),
+                anisotropy: if index == 0 { 0.8 } else { 0.0 },
+                anisotropy_rotation: 0.5,
+                anisotropy_texture: use_of(2),
+                glossy: index == 1,
+                ..Layers::default()
+            }));
+        }
+        vec![Case::new("textured layers", scene, colourful())]
     });
 }
 

@@ -164,6 +164,55 @@ fn mapped_normals_are_those_of_the_reference() {
     });
 }
 
+/// Behind a pane that covers a part, each pixel mixes both surfaces at once, with its neighbour's help, in the pane's
+/// share; two panes do so in the mean.
+#[test]
+fn blending_panes_are_smooth_in_one_picture() {
+    on_every_device(|device| {
+        let unlit = |color: Vec3, alpha: f32| Material {
+            base_color: color.extend(alpha),
+            alpha: if alpha < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque },
+            unlit: true,
+            double_sided: true,
+            ..Material::default()
+        };
+        let view = view(DVec3::new(0.0, 4.0, 0.1), DVec3::ZERO, 40.0, SIZE);
+        let settings = Settings { guided: true, rays: 1, edge_rays: 2, ..PLAIN };
+        for (alpha, panes) in [(0.3, 1), (0.75, 1), (0.0, 1), (0.5, 2)] {
+            let mut scene = scene_of(vec![unlit(Vec3::Y, 1.0), unlit(Vec3::X, alpha), unlit(Vec3::Z, alpha)]);
+            floor(&mut scene, 30.0, 0.0, 0);
+            (1..=panes).for_each(|pane| floor(&mut scene, 30.0, 0.5 * (3 - pane) as f32, pane));
+            let picture =
+                Bench::new(device, &scene, &colourful()).trace(&view, &settings, &all_pixels(&view));
+            let shown = |pixel: usize| {
+                let record = &picture.visibility[pixel];
+                let place = [0usize, 1, 2, 3, 5, 6, 7, 8][(record.normal >> 24 & 7) as usize];
+                let neighbour = pixel + 48 * (place / 3) + place % 3 - 49;
+                let share = (record.normal >> 27 & 15) as f32 / 15.0;
+                let light = |pixel: usize| Vec3::from(unpack_emission(picture.visibility[pixel].emission));
+                light(pixel) * (1.0 - share) + if share > 0.0 { light(neighbour) } else { Vec3::ZERO } * share
+            };
+            let inner: Vec<usize> =
+                (0..48 * 32).filter(|i| (2..46).contains(&(i % 48)) && (2..30).contains(&(i / 48))).collect();
+            let mean = inner.iter().map(|&i| shown(i)).sum::<Vec3>() / inner.len() as f32;
+            let expected = match panes {
+                1 => Vec3::new(alpha, 1.0 - alpha, 0.0),
+                _ => Vec3::new(alpha, (1.0 - alpha).powi(2), alpha * (1.0 - alpha)),
+            };
+            println!("{panes} of {alpha}: {mean} for {expected}");
+            assert!(
+                (mean - expected).abs().max_element() < 0.03,
+                "{panes} of {alpha}: {mean} for {expected}"
+            );
+            if panes == 1 {
+                let worst =
+                    inner.iter().map(|&i| (shown(i) - expected).abs().max_element()).fold(0.0, f32::max);
+                assert!(worst < 0.08, "{alpha}: a pixel is off by {worst}");
+            }
+        }
+    });
+}
+
 /// A pane that covers half lets the sun through at about half of the pixels in its shadow, each for itself:
 /// not at all or none of them, as one decision for its two triangles would.
 #[test]
@@ -239,6 +288,40 @@ fn vertex_colours_above_one_are_kept_in_guided_samples() {
                 checked += 1;
             }
             assert!(checked > 500, "{checked}");
+        }
+    });
+}
+
+/// Guided pixels of surfaces with layers are what samples with the sun's light are: the record's colours times the
+/// samples' parts, and the sun in the record.
+#[test]
+fn layered_surfaces_are_whole_in_guided_pictures() {
+    on_every_device(|device| {
+        let light = cases::floor_under_sky().light;
+        let sun = Sun { cos_radius: 0.999_989, ..light.sun.unwrap() };
+        let light = Environment { sun: Some(sun), ..light };
+        for (name, material) in cases::layered_materials() {
+            let mut scene = scene_of(vec![Material { roughness: 0.5, ..material }]);
+            floor(&mut scene, 6.0, 0.0, 0);
+            let mut bench = Bench::new(device, &scene, &light);
+            let settings = Settings { rays: 256, ..PLAIN };
+            let plain = bench.trace(&eye(), &settings, &all_pixels(&eye()));
+            let guided = bench.trace(&eye(), &Settings { guided: true, ..settings }, &all_pixels(&eye()));
+            let (mut whole, mut parts, mut pixels) = (Vec3::ZERO, Vec3::ZERO, 0);
+            for (pixel, record) in guided.visibility.iter().enumerate().filter(|(_, r)| r.depth > 0.0) {
+                assert_eq!(record.normal & SUN_VISIBLE, 0, "{name}: reconstruction would add the sun again");
+                let (base, metallic, _) = unpack_surface([record.base, record.surface]);
+                let base = Vec3::from(base);
+                let f0 = Vec3::splat(0.04).lerp(base, metallic).max(Vec3::splat(1e-3));
+                let sample = &guided.samples[pixel];
+                parts += base * (1.0 - metallic) * Vec3::from(sample.first) + f0 * Vec3::from(sample.second);
+                parts += Vec3::from(unpack_emission(record.emission));
+                whole += Vec3::from(plain.samples[pixel].first);
+                pixels += 1;
+            }
+            let off = ((parts - whole) / whole).abs().max_element();
+            println!("{name}: {whole} by samples, {parts} by guided parts, off by {off}");
+            assert!(pixels > 500 && off < 0.02, "{name}: {off}");
         }
     });
 }
@@ -337,7 +420,8 @@ fn extreme_light_stays_finite() {
     });
 }
 
-/// Kernels built with every feature give what kernels give that have only those that a scene requires.
+/// Kernels built with every feature give what kernels give that have only those that a scene requires: bit by bit, but
+/// for layers and glass, whose code is rounded elsewhere.
 #[test]
 fn specialised_kernels_are_the_general_ones() {
     on_every_device(|device| {
@@ -356,18 +440,26 @@ fn specialised_kernels_are_the_general_ones() {
             for guided in [false, true] {
                 let settings = Settings { guided, bounces: 1, ..PLAIN };
                 let trace = |features: &Features| trace_with(device, scene, light, features, &settings);
-                let (special, general) = (trace(&required), trace(&EVERYTHING));
-                assert_eq!(special.hits, general.hits, "{name}");
+                let (special, whole) = (trace(&required), trace(&EVERYTHING));
+                let general = trace(&Features { layers: false, glass: false, ..EVERYTHING });
+                assert_eq!((&special.hits, &special.hits), (&general.hits, &whole.hits), "{name}");
                 assert_eq!(special.visibility, general.visibility, "{name}");
+                assert_eq!(special.visibility, whole.visibility, "{name}");
                 let differ =
                     bits(&special.samples).iter().zip(bits(&general.samples)).filter(|(a, b)| a != b);
                 assert_eq!(differ.count(), 0, "{name}: words that differ");
+                for (a, b) in special.samples.iter().zip(&whole.samples) {
+                    let (first, second) = (Vec3::from(a.first), Vec3::from(a.second));
+                    let off = (first - Vec3::from(b.first)).abs().max((second - Vec3::from(b.second)).abs());
+                    let most = first.max_element().max(second.max_element());
+                    assert!(off.max_element() <= 1e-4 * most, "{name}: {a:?} {b:?}");
+                }
             }
         }
     });
 }
 
-/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun, emitters.
+/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun, emitters, layers, glass.
 fn combination(bits: u32) -> Features {
     let on = |bit: u32| bits >> bit & 1 != 0;
     Features {
@@ -377,6 +469,8 @@ fn combination(bits: u32) -> Features {
         vertex_colors: on(3),
         sun: on(4),
         emitters: on(5),
+        layers: on(6),
+        glass: on(7),
     }
 }
 
@@ -395,13 +489,13 @@ fn build(device: &Device, combinations: impl Iterator<Item = u32>) {
 
 #[test]
 fn each_feature_builds_alone_and_beside_all_others() {
-    on_every_device(|device| build(device, (0..6).map(|bit| 1 << bit).chain([0, 0b11_1111])));
+    on_every_device(|device| build(device, (0..8).map(|bit| 1 << bit).chain([0, 0b1111_1111])));
 }
 
 #[test]
-#[ignore = "128 builds: make test-long"]
+#[ignore = "512 builds: make test-long"]
 fn long_every_combination_of_features_builds() {
-    on_every_device(|device| build(device, 0..64));
+    on_every_device(|device| build(device, 0..256));
 }
 
 fn trace_with(

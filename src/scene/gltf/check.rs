@@ -76,6 +76,7 @@ fn textures_of(material: &Material) -> impl Iterator<Item = &TextureInfo> {
     ]
     .into_iter()
     .flatten()
+    .chain(material.extensions.layers.all_textures())
 }
 
 fn inside(

@@ -12,6 +12,8 @@ use std::fmt;
 use serde::Deserialize as Derive;
 use serde::de::{self, Deserialize, Deserializer};
 
+use super::extensions::LayerExtensions;
+
 /// A count, an offset or an index: an integer that is not negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Int(pub usize);
@@ -224,6 +226,8 @@ pub struct MaterialExtensions {
     pub unlit: Option<de::IgnoredAny>,
     #[serde(rename = "KHR_materials_emissive_strength")]
     pub emissive_strength: Option<EmissiveStrength>,
+    #[serde(flatten)]
+    pub layers: LayerExtensions,
 }
 
 #[derive(Derive)]

@@ -12,13 +12,20 @@ use super::images::Decoded;
 use super::json::{self, Document, TextureInfo};
 use super::{Outcome, finite};
 use crate::scene::texture::{Sampling, Wrap, srgb_to_linear};
-use crate::scene::{AlphaMode, Material, TextureRef};
+use crate::scene::{AlphaMode, Layers, Material, TextureRef};
 
 const BASE_COLOR: usize = 0;
 const METALLIC_ROUGHNESS: usize = 1;
 const NORMAL: usize = 2;
 const OCCLUSION: usize = 3;
 const EMISSIVE: usize = 4;
+/// Where those of [`Layers`] begin, in the order of [`Layers::textures`].
+const LAYERS: usize = 5;
+const SPECULAR_COLOR: usize = LAYERS + 1;
+const SHEEN_COLOR: usize = LAYERS + 5;
+const COAT_NORMAL: usize = LAYERS + 4;
+const TRANSMISSION: usize = LAYERS + 8;
+const ROLES: usize = 14;
 
 /// A use of an image that has no texture index yet.
 #[derive(Clone, Copy)]
@@ -36,7 +43,7 @@ pub struct Use {
 /// A material on its way: factors are final when simplified, textures are not yet numbered.
 pub struct Draft {
     material: Material,
-    uses: [Option<Use>; 5],
+    uses: [Option<Use>; ROLES],
 }
 
 /// A finished material, and the TEXCOORD set that each of the mesh's slots holds for it.
@@ -50,29 +57,30 @@ pub struct Finished {
 impl Draft {
     /// Material `index` of the document, or the default material.
     pub fn new(document: &Document, index: Option<usize>, warnings: &mut Vec<String>) -> Outcome<Self> {
-        let Some(index) = index else { return Ok(Draft { material: Material::default(), uses: [None; 5] }) };
+        let Some(index) = index else {
+            return Ok(Draft { material: Material::default(), uses: [None; ROLES] });
+        };
         let source = &document.materials[index];
         let material = factors(source, index)?;
-        let pbr = &source.pbr_metallic_roughness;
-        let infos = [
-            &pbr.base_color_texture,
-            &pbr.metallic_roughness_texture,
-            &source.normal_texture,
-            &source.occlusion_texture,
-            &source.emissive_texture,
-        ];
+        let infos = infos_of(source);
         let lit = !material.unlit;
-        let effective = [
+        let glossy = material.layers.as_ref().is_some_and(|layers| layers.glossy);
+        let mut effective = [false; ROLES];
+        effective[..LAYERS].copy_from_slice(&[
             material.base_color.truncate() != Vec3::ZERO || material.alpha != AlphaMode::Opaque,
-            lit && (material.metallic > 0.0 || material.roughness > 0.0),
+            lit && (material.metallic > 0.0 || material.roughness > 0.0 || glossy),
             lit && material.normal_scale != 0.0,
             lit && material.occlusion_strength > 0.0,
             lit && material.emissive != Vec3::ZERO,
-        ];
-        let mut uses = [None; 5];
+        ]);
+        effective[LAYERS..TRANSMISSION].copy_from_slice(&effective_layers(material.layers.as_deref()));
+        effective[TRANSMISSION] = material.glass.is_some();
+        let mut uses = [None; ROLES];
         for (role, info) in infos.iter().enumerate().filter(|&(role, _)| effective[role]) {
             let Some(info) = info else { continue };
-            let srgb = role == BASE_COLOR || role == EMISSIVE;
+            // Glossiness is in the alpha of a colour.
+            let glossiness = glossy && role == METALLIC_ROUGHNESS;
+            let srgb = [BASE_COLOR, EMISSIVE, SPECULAR_COLOR, SHEEN_COLOR].contains(&role) || glossiness;
             uses[role] = use_of(document, info, srgb)?;
             if uses[role].is_none() {
                 warnings.push(format!("texture {} has no PNG or JPEG image and was left out", info.index.0));
@@ -87,8 +95,9 @@ impl Draft {
     }
 
     /// Whether it may turn out to need tangents.
-    pub fn has_normal_map(&self) -> bool {
-        self.uses[NORMAL].is_some()
+    pub fn needs_tangents(&self) -> bool {
+        let anisotropic = self.material.layers.as_ref().is_some_and(|layers| layers.anisotropy > 0.0);
+        self.uses[NORMAL].is_some() || self.uses[COAT_NORMAL].is_some() || anisotropic
     }
 
     /// Removes what cannot be seen, given the images and the least alpha of the vertex colours.
@@ -113,7 +122,8 @@ impl Draft {
             .filter(|f| f.0 > 0.0)
             .map(|f| f.1)
             .collect();
-        if let Some(texel) = constant(METALLIC_ROUGHNESS, &needed) {
+        let glossy = material.layers.as_ref().is_some_and(|layers| layers.glossy);
+        if let Some(texel) = constant(METALLIC_ROUGHNESS, &needed).filter(|_| !glossy) {
             material.roughness *= fraction(texel[1]);
             material.metallic *= fraction(texel[2]);
             self.uses[METALLIC_ROUGHNESS] = None;
@@ -173,13 +183,18 @@ impl Draft {
             let name = &self.material.name;
             warnings.push(format!("material {name:?} uses more than two sets of texture coordinates; the others were replaced by its first"));
         }
-        [
-            self.material.base_color_texture,
-            self.material.metallic_roughness_texture,
-            self.material.normal_texture,
-            self.material.occlusion_texture,
-            self.material.emissive_texture,
-        ] = refs;
+        let (base, layers) = refs.split_at(LAYERS);
+        self.material.base_color_texture = base[BASE_COLOR];
+        self.material.metallic_roughness_texture = base[METALLIC_ROUGHNESS];
+        self.material.normal_texture = base[NORMAL];
+        self.material.occlusion_texture = base[OCCLUSION];
+        self.material.emissive_texture = base[EMISSIVE];
+        if let Some(own) = &mut self.material.layers {
+            own.textures_mut().into_iter().zip(layers).for_each(|(texture, new)| *texture = *new);
+        }
+        if let Some(glass) = &mut self.material.glass {
+            glass.texture = refs[TRANSMISSION];
+        }
         Finished { material: self.material, sets }
     }
 }
@@ -202,7 +217,53 @@ impl TextureTable {
     }
 }
 
+/// The textures of a material by their roles. Specular-glossiness takes the place of metallic-roughness.
+fn infos_of(source: &json::Material) -> [Option<&TextureInfo>; ROLES] {
+    let (pbr, layers) = (&source.pbr_metallic_roughness, &source.extensions.layers);
+    let mut infos = [None; ROLES];
+    infos[BASE_COLOR] = pbr.base_color_texture.as_ref();
+    infos[METALLIC_ROUGHNESS] = pbr.metallic_roughness_texture.as_ref();
+    if let Some(glossiness) = &layers.glossiness {
+        infos[BASE_COLOR] = glossiness.diffuse_texture.as_ref();
+        infos[METALLIC_ROUGHNESS] = glossiness.specular_glossiness_texture.as_ref();
+    }
+    infos[NORMAL] = source.normal_texture.as_ref();
+    infos[OCCLUSION] = source.occlusion_texture.as_ref();
+    infos[EMISSIVE] = source.emissive_texture.as_ref();
+    infos[LAYERS..TRANSMISSION].copy_from_slice(&layers.textures());
+    infos[TRANSMISSION] = layers.transmission_texture();
+    infos
+}
+
+/// Which textures of layers change something, in the order of [`Layers::textures`].
+fn effective_layers(layers: Option<&Layers>) -> [bool; TRANSMISSION - LAYERS] {
+    let Some(layers) = layers else { return [false; TRANSMISSION - LAYERS] };
+    let specular = layers.specular > 0.0;
+    let (coat, sheen) = (layers.coat > 0.0, layers.sheen_color != Vec3::ZERO);
+    let colored = specular && layers.dielectric != Vec3::ZERO;
+    let rough = sheen && layers.sheen_roughness > 0.0;
+    [specular, colored, coat, coat, coat, sheen, rough, layers.anisotropy > 0.0]
+}
+
 fn factors(source: &json::Material, index: usize) -> Outcome<Material> {
+    let mut material = metallic_roughness(source, index)?;
+    if material.unlit {
+        return Ok(material);
+    }
+    material.layers = source.extensions.layers.layers();
+    material.glass = source.extensions.layers.glass();
+    // Rays meet the far side of what is solid from inside.
+    material.double_sided |= material.glass.is_some_and(|glass| glass.solid);
+    if let Some(glossiness) = &source.extensions.layers.glossiness {
+        let fraction = |value: f64| finite(value.clamp(0.0, 1.0));
+        material.base_color = glossiness.diffuse_factor.unwrap_or([1.0; 4]).map(fraction).into();
+        material.metallic = 0.0;
+        material.roughness = 1.0 - fraction(glossiness.glossiness_factor.unwrap_or(1.0));
+    }
+    Ok(material)
+}
+
+fn metallic_roughness(source: &json::Material, index: usize) -> Outcome<Material> {
     let pbr = &source.pbr_metallic_roughness;
     let fraction = |value: Option<f64>| finite(value.unwrap_or(1.0).clamp(0.0, 1.0));
     let unlit = source.extensions.unlit.is_some();

@@ -4,7 +4,7 @@
 //! `json`), all references are checked (`check`), buffers are read from the scene's folder (`source`,
 //! `buffers`), nodes are composed (`nodes`) and say what is shown (`placements`, `placed`). Images are
 //! then decoded (`images`) while geometry is read (`shape`, `reader`, `accessor`, `triangulate`, `skin`).
-//! With both known, materials are reduced to what matters (`materials`), the attributes that are left
+//! With both known, materials are reduced to what matters (`materials`, `extensions`), the attributes that are left
 //! are read or made (`surface`, `tangents`), and all instances become one mesh (`flatten`, `vectors`).
 //!
 //! Nothing that a file claims is believed: indices, ranges and counts are checked before use.
@@ -13,6 +13,7 @@ mod accessor;
 mod buffers;
 mod check;
 mod container;
+mod extensions;
 mod flatten;
 mod images;
 mod json;
@@ -186,7 +187,7 @@ fn shapes(
 ) -> Outcome<Vec<Shape>> {
     let read = |placement: Placement| {
         let material = document.meshes[placement.mesh].primitives[placement.primitive].material;
-        let tangents = drafts[&material.map(|index| index.0)].has_normal_map();
+        let tangents = drafts[&material.map(|index| index.0)].needs_tangents();
         Shape::read(document, buffers, nodes, placement, tangents)
     };
     placements.into_par_iter().map(read).collect()

@@ -1,6 +1,6 @@
 //! A shape with what its finished material reads at each vertex.
 
-use glam::{Vec2, Vec4};
+use glam::{Mat2, Vec2, Vec4};
 
 use super::Outcome;
 use super::buffers::Buffers;
@@ -8,6 +8,7 @@ use super::json::Document;
 use super::materials::Finished;
 use super::shape::Shape;
 use super::tangents::generate;
+use crate::scene::{Material, TextureRef};
 
 /// A shape, its texture coordinates and its tangents.
 pub struct Surface {
@@ -38,12 +39,13 @@ impl Surface {
         }
         let given = shape.tangents.take();
         let mut surface = Surface { shape, uvs, tangents: Vec::new(), lacks_uvs };
-        if let Some(normal) = &finished.material.normal_texture {
-            match given {
-                Some(tangents) => surface.tangents = tangents,
-                None => {
-                    let read = |uv: &Vec2| normal.matrix * *uv + normal.offset;
-                    let uvs: Vec<Vec2> = surface.uvs[normal.uv_slot as usize].iter().map(read).collect();
+        match (directed_by(&finished.material), given) {
+            (None, _) => {}
+            (Some(_), Some(tangents)) => surface.tangents = tangents,
+            (Some(texture), None) => {
+                let read = |uv: &Vec2| texture.matrix * *uv + texture.offset;
+                let uvs: Vec<Vec2> = surface.uvs[texture.uv_slot as usize].iter().map(read).collect();
+                if !uvs.is_empty() {
                     surface.make_tangents(&uvs);
                 }
             }
@@ -61,6 +63,17 @@ impl Surface {
         self.uvs.iter_mut().filter(|uvs| !uvs.is_empty()).for_each(|uvs| repeat(uvs, &made.doubles));
         self.tangents = made.tangents;
     }
+}
+
+/// Whose coordinates say where tangents go: a normal map's, or those of what is anisotropic.
+fn directed_by(material: &Material) -> Option<TextureRef> {
+    let layers = material.layers.as_ref();
+    let whole = || TextureRef { texture: 0, uv_slot: 0, matrix: Mat2::IDENTITY, offset: Vec2::ZERO };
+    let anisotropic = layers.filter(|layers| layers.anisotropy > 0.0);
+    material
+        .normal_texture
+        .or(layers.and_then(|layers| layers.coat_normal_texture))
+        .or(anisotropic.map(|layers| layers.anisotropy_texture.unwrap_or_else(whole)))
 }
 
 fn repeat<T: Copy>(values: &mut Vec<T>, doubles: &[u32]) {
