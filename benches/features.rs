@@ -110,7 +110,7 @@ fn pretend(mut scene: Scene, features: &Features) -> Scene {
         scene.textures.push(Texture {
             width: 1,
             height: 1,
-            texels: vec![[255; 4]],
+            texels: vec![[255; 4]].into(),
             wrap: [Wrap::Repeat; 2],
             srgb: false,
             nearest: true,

@@ -16,7 +16,7 @@ say() { echo "install-packages: $*"; }
 fail() { echo "install-packages: $*" >&2; exit 1; }
 
 loaders=(ocl-icd-libopencl1 libvulkan1)
-demo=("${loaders[@]}" libxkbcommon0 libxkbcommon-x11-0)
+demo=(g++ "${loaders[@]}" libxkbcommon0 libxkbcommon-x11-0)
 test=("${demo[@]}" vulkan-validationlayers xvfb x11-apps)
 hid=(qemu-system-x86 binutils xz-utils)
 # The report page is tested in a browser; Ubuntu offers this one as a snap only, which wants more than apt.

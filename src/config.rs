@@ -4,11 +4,13 @@
 mod budget;
 mod exposure;
 pub mod preset;
+mod scene;
 
 use std::path::{Path, PathBuf};
 
 pub use budget::{BudgetConfig, OperatingPoint, TRADED, TargetMs};
 pub use exposure::ExposureConfig;
+pub use scene::SceneConfig;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
@@ -25,6 +27,8 @@ use crate::trace;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
+    /// What is shown of a scene's file.
+    pub scene: SceneConfig,
     /// The picture.
     pub view: ViewConfig,
     /// Where samples are.
@@ -670,6 +674,7 @@ impl Config {
         let whole = |key: &str, value: u32, least: u32, most: u32| {
             range(key, f64::from(value), f64::from(least), f64::from(most))
         };
+        self.scene.check()?;
         let view = &self.view;
         whole("view.width", view.width, 1, MAX_SIDE)?;
         whole("view.height", view.height, 1, MAX_SIDE)?;

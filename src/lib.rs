@@ -6,6 +6,7 @@
 
 pub mod config;
 pub mod error;
+pub mod free_memory;
 pub mod isolated;
 pub mod layout;
 pub mod math;

@@ -507,7 +507,7 @@ fn unused_textures_are_not_even_opened() {
     builder.push("materials", json!({ "normalTexture": { "index": 0 } }));
     assert!(builder.load().unwrap().textures.is_empty());
     builder.json["materials"][0] = json!({ "normalTexture": { "index": 0 } });
-    assert!(refusal(&builder).contains("nowhere.png"));
+    assert!(builder.load().unwrap().warnings[0].contains("nowhere.png"));
 }
 
 #[test]
@@ -838,18 +838,6 @@ fn a_buffer_shorter_than_it_claims_is_refused() {
     let path = folder.path().join("scene.gltf");
     std::fs::write(&path, document.to_string()).unwrap();
     assert!(Scene::load(&path).unwrap_err().to_string().contains("buffer 0 should have"));
-}
-
-#[test]
-fn instances_cannot_multiply_without_end() {
-    let mut builder = Builder::new();
-    builder.push("accessors", json!({ "componentType": FLOAT, "type": "VEC3", "count": 3_000_000 }));
-    builder.push("meshes", json!({ "primitives": [{ "attributes": { "POSITION": 0 } }] }));
-    for _ in 0..101 {
-        let node = builder.push("nodes", json!({ "mesh": 0 }));
-        builder.show(node);
-    }
-    assert!(refusal(&builder).contains("101000000 triangles"));
 }
 
 #[test]

@@ -27,7 +27,7 @@ use crate::whole_file;
 /// Arguments of `foveate bench`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A glTF 2.0 file, .gltf or .glb.
+    /// A scene: .gltf, .glb or .obj.
     scene: PathBuf,
     /// How many times every kind of ray is traced; the median counts.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]

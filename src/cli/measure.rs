@@ -20,7 +20,7 @@ use crate::whole_file;
 /// Arguments of `foveate measure`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A glTF 2.0 file, .gltf or .glb.
+    /// A scene: .gltf, .glb or .obj.
     scene: PathBuf,
     /// Folder for report.html, report.json, points.csv, front.toml and comparison.md. A run that was
     /// interrupted goes on where it was.

@@ -21,7 +21,7 @@ use crate::{progress, whole_file};
 /// Arguments of `foveate mock`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A glTF 2.0 file, .gltf or .glb.
+    /// A scene: .gltf, .glb or .obj.
     scene: PathBuf,
     /// Frames to render.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]

@@ -43,6 +43,18 @@ pub struct ConfigOptions {
     /// all that work by default.
     #[arg(long, visible_alias = "device", value_name = "NAME,...")]
     devices: Option<String>,
+    /// The camera to look through, by name or by number from 0; `foveate scene info` lists them.
+    #[arg(long, value_name = "NAME|N", help_heading = "Scene")]
+    camera: Option<String>,
+    /// The scene of the file to show, by name or by number from 0.
+    #[arg(long = "scene", value_name = "NAME|N", help_heading = "Scene")]
+    scene_name: Option<String>,
+    /// The variant of the file's materials, by name or by number from 0.
+    #[arg(long, value_name = "NAME|N", help_heading = "Scene")]
+    variant: Option<String>,
+    /// Metres that a unit of the file is, such as 0.01 for one in centimetres.
+    #[arg(long, value_name = "METRES", help_heading = "Scene")]
+    scale: Option<f64>,
     /// Print one JSON object on standard output instead of text, and errors as one on standard error.
     #[arg(long)]
     pub json: bool,
@@ -62,6 +74,17 @@ impl ConfigOptions {
                 return Err(Error::setting("--devices", problem));
             }
             layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
+        }
+        let text = |value: &Option<String>| value.clone().map(toml::Value::String);
+        let flags = [
+            ("--camera", "scene.camera", text(&self.camera)),
+            ("--scene", "scene.name", text(&self.scene_name)),
+            ("--variant", "scene.variant", text(&self.variant)),
+            ("--scale", "scene.scale", self.scale.map(toml::Value::Float)),
+        ];
+        for (flag, key, value) in flags {
+            let Some(value) = value else { continue };
+            layers.set(key, value).and_then(|()| layers.check()).map_err(|e| renamed(e, flag))?;
         }
         Ok(layers)
     }

@@ -23,7 +23,7 @@ use crate::whole_file;
 /// Arguments of `foveate render`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A glTF 2.0 file, .gltf or .glb.
+    /// A scene: .gltf, .glb or .obj.
     scene: PathBuf,
     /// Where the picture goes: .png is tone-mapped sRGB, .exr holds linear radiance.
     #[arg(long, value_name = "FILE")]

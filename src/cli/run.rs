@@ -24,7 +24,7 @@ pub use present::Presentation;
 /// Arguments of `foveate run`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A glTF 2.0 file, .gltf or .glb.
+    /// A scene: .gltf, .glb or .obj.
     scene: PathBuf,
     /// End after this many pictures; otherwise Ctrl-C, or the runtime's own menu, ends.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]

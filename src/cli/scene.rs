@@ -2,14 +2,14 @@
 
 mod info;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args as ClapArgs, Subcommand};
 use serde::Serialize;
 
 use super::output;
 use crate::error::{Error, Result};
-use crate::scene::generate;
+use crate::scene::{Scene, generate};
 use crate::whole_file;
 
 /// Arguments of `foveate scene`.
@@ -39,8 +39,8 @@ struct GenerateArgs {
     /// Seed of the voxel town and the organic scene.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// The .glb file to write.
-    #[arg(long, value_name = "FILE.glb")]
+    /// The file to write: .glb, or .obj with its materials and pictures beside it.
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Print one JSON object on standard output instead of text, and errors as one on standard error.
     #[arg(long)]
@@ -94,11 +94,20 @@ fn generate(args: &GenerateArgs) -> Result<()> {
         Error::Setting { key, problem } => Error::setting(format!("--{key}"), problem),
         other => other,
     })?;
-    generate::write(&args.out, &bytes)?;
+    let size = write(&args.out, &bytes)?;
     if args.json {
-        return output::print_json(&Generated { out: args.out.display().to_string(), bytes: bytes.len() });
+        return output::print_json(&Generated { out: args.out.display().to_string(), bytes: size });
     }
-    output::print_line(&format!("{}: {:.1} MB", args.out.display(), bytes.len() as f64 * 1e-6))
+    output::print_line(&format!("{}: {:.1} MB", args.out.display(), size as f64 * 1e-6))
+}
+
+/// Writes a generated glTF binary in the format that the file's name asks for; returns the file's size.
+fn write(out: &Path, glb: &[u8]) -> Result<usize> {
+    if out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj")) {
+        return generate::obj::write(out, &Scene::from_glb(out, glb)?);
+    }
+    generate::write(out, glb)?;
+    Ok(glb.len())
 }
 
 fn made(args: &GenerateArgs) -> Result<Vec<u8>> {

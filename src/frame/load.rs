@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::gpu::opencl::Device;
 use crate::progress;
 use crate::scene::sky::Sky;
-use crate::scene::{Environment, Scene};
+use crate::scene::{Environment, Progress, Scene};
 use crate::trace::SceneData;
 
 /// A step of starting up.
@@ -46,7 +46,12 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn from_file(path: &Path, config: &Config) -> Result<Loaded> {
-        Self::with(config, || Scene::load(path))
+        Self::with(config, || {
+            let (bar, progress) = reading();
+            let scene = Scene::load_with(path, &config.scene.load_options(progress));
+            bar.finish_and_clear();
+            scene
+        })
     }
 
     /// Takes a glTF binary from memory; `name` stands for it in messages.
@@ -81,7 +86,6 @@ impl Loaded {
 fn tree_of(scene: &Scene) -> (WideBvh, bool) {
     let (positions, triangles) = (&scene.mesh.positions, &scene.mesh.triangles);
     let build = || {
-        const STEPS: u64 = 1000;
         let bar = progress::bar(STEPS, "building the tree", "{msg} [{bar:30}] {percent} %, {elapsed}");
         let tree = WideBvh::build_and_tell(positions, triangles, &|done| {
             bar.set_position((done * STEPS as f64) as u64);
@@ -93,6 +97,16 @@ fn tree_of(scene: &Scene) -> (WideBvh, bool) {
         Some(cache) => cache.find_or(positions, triangles, build),
         None => (build(), false),
     }
+}
+
+/// Parts of the whole that a progress bar tells apart.
+const STEPS: u64 = 1000;
+
+/// A progress bar for reading files that take long, and who moves it.
+fn reading() -> (indicatif::ProgressBar, Progress) {
+    let bar = progress::bar(STEPS, "reading the scene", "{msg} [{bar:30}] {percent} %, {elapsed}");
+    let moved = bar.clone();
+    (bar, Progress::to(move |done| moved.set_position((done * STEPS as f64) as u64)))
 }
 
 /// Runs a step under a line that names it, where standard error is a terminal, and times it.

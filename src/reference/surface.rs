@@ -274,7 +274,7 @@ mod tests {
 
     fn texture(texels: &[[u8; 4]], srgb: bool) -> Texture {
         let (width, wrap) = (texels.len() as u32, [Wrap::ClampToEdge; 2]);
-        Texture { texels: texels.to_vec(), width, height: 1, srgb, wrap, nearest: false }
+        Texture { texels: texels.to_vec().into(), width, height: 1, srgb, wrap, nearest: false }
     }
 
     fn whole(texture: u32) -> Option<TextureRef> {

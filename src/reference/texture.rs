@@ -93,7 +93,7 @@ mod tests {
     /// Four grey columns 0, 51, 102, 255 in one row, then its levels.
     fn ramp(wrap: Wrap) -> Texture {
         let texels = [0u8, 51, 102, 255, 25, 178, 101].map(|grey| [grey, grey, grey, 255]).to_vec();
-        Texture { texels, width: 4, height: 1, srgb: false, wrap: [wrap; 2], nearest: false }
+        Texture { texels: texels.into(), width: 4, height: 1, srgb: false, wrap: [wrap; 2], nearest: false }
     }
 
     fn red(texture: &Texture, u: f64, mode: TextureMode) -> f64 {

@@ -6,6 +6,7 @@ pub mod glb;
 #[cfg(test)]
 mod glb_reader;
 pub mod material;
+pub mod obj;
 pub mod organic;
 pub mod paint;
 pub mod shapes;

@@ -1,5 +1,8 @@
 //! What a scene holds, in numbers: the answer of `foveate scene info`.
 
+use std::collections::HashSet;
+use std::sync::Arc;
+
 use serde::Serialize;
 
 use super::{Environment, Features, LeftOut, LightKind, Scene};
@@ -25,6 +28,10 @@ pub struct SceneInfo {
     pub features: Features,
     /// The file's cameras.
     pub cameras: Vec<CameraInfo>,
+    /// Names of the file's scenes.
+    pub scenes: Vec<String>,
+    /// Names of the file's variants of materials.
+    pub variants: Vec<String>,
     /// The file's lights, by kind.
     pub lights: LightCounts,
     /// Triangles that were left out.
@@ -49,8 +56,10 @@ pub struct CameraInfo {
     pub name: String,
     /// World position in metres.
     pub position: [f64; 3],
-    /// Vertical field of view in degrees; absent for orthographic cameras.
+    /// Vertical field of view in degrees, of perspective cameras.
     pub fov_y: Option<f64>,
+    /// Metres from the top to the bottom of what it sees, of orthographic cameras.
+    pub height: Option<f64>,
 }
 
 /// Numbers of punctual lights.
@@ -62,6 +71,13 @@ pub struct LightCounts {
     pub spot: usize,
     /// Directional lights.
     pub directional: usize,
+}
+
+/// Texels that textures share count once.
+fn texture_bytes(scene: &Scene) -> usize {
+    let mut seen = HashSet::new();
+    let distinct = scene.textures.iter().filter(|texture| seen.insert(Arc::as_ptr(&texture.texels)));
+    distinct.map(|texture| size_of_val(texture.texels.as_slice())).sum()
 }
 
 /// Sums up `scene` as it is lit by `environment`.
@@ -79,6 +95,7 @@ pub fn summarise(scene: &Scene, environment: &Environment) -> SceneInfo {
         name: camera.name.clone(),
         position: camera.world_from_eye.position.to_array(),
         fov_y: camera.fov_y.map(f64::to_degrees),
+        height: camera.half_height.map(|half| 2.0 * half),
     });
     SceneInfo {
         triangles: scene.mesh.triangles.len(),
@@ -86,10 +103,12 @@ pub fn summarise(scene: &Scene, environment: &Environment) -> SceneInfo {
         instances: scene.instances,
         materials: scene.materials.len(),
         textures: scene.textures.len(),
-        texture_bytes: scene.textures.iter().map(|texture| size_of_val(texture.texels.as_slice())).sum(),
+        texture_bytes: texture_bytes(scene),
         bounds: scene.mesh.bounds().map(|(low, high)| Bounds { min: world(low), max: world(high) }),
         features: Features::required_by(scene, environment),
         cameras: cameras.collect(),
+        scenes: scene.scenes.clone(),
+        variants: scene.variants.clone(),
         lights,
         left_out: scene.left_out,
         warnings: scene.warnings.clone(),

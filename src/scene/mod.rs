@@ -4,9 +4,11 @@
 //! [`Scene::anchor`], which is kept in `f64`: transforms are composed in `f64` first, so a scene
 //! far from the origin loses nothing.
 
+pub mod budget;
 pub mod emitters;
 pub mod environment;
 pub mod features;
+pub mod formats;
 pub mod generate;
 pub mod gltf;
 pub mod importance;
@@ -14,8 +16,11 @@ pub mod info;
 pub mod layers;
 pub mod light_tree;
 pub mod material;
+mod obj;
+mod options;
 pub mod pick;
 pub mod sky;
+mod source;
 pub mod texture;
 pub mod viewpoint;
 
@@ -25,13 +30,18 @@ pub use environment::{Environment, Sun};
 pub use features::Features;
 pub use layers::Layers;
 pub use material::{AlphaMode, Glass, Material, TextureRef};
+pub use options::{LoadOptions, Progress};
 pub use texture::Texture;
 pub use viewpoint::{Viewpoint, default_viewpoint};
 
 use std::path::Path;
 
-use crate::Result;
+use self::formats::Format;
 use crate::math::pose::Pose;
+use crate::{Error, Result};
+
+/// What went right, or a clause about what is wrong with a file and the next step.
+type Outcome<T> = std::result::Result<T, String>;
 
 /// A scene, ready to be traced. All triangles of all instances, in world orientation.
 #[derive(Clone, Debug, Default)]
@@ -48,6 +58,12 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// The file's cameras.
     pub cameras: Vec<Camera>,
+    /// The camera that views start from, if one was asked for.
+    pub camera: Option<usize>,
+    /// Names of the file's scenes, which may be empty; one of them is this.
+    pub scenes: Vec<String>,
+    /// Names of the file's variants of materials (KHR_materials_variants).
+    pub variants: Vec<String>,
     /// Mesh instances (primitives placed by nodes) that were flattened.
     pub instances: usize,
     /// Triangles that were left out.
@@ -57,9 +73,31 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Reads a glTF 2.0 file; see [`gltf::load`].
+    /// Reads a file: glTF 2.0 ([`gltf::load`]) or Wavefront OBJ.
+    ///
+    /// # Errors
+    /// [`Error::File`] when the file itself cannot be read, [`Error::Scene`] when it is of a format that is
+    /// not read, what it or its neighbours say cannot be used, or takes more memory than is free.
     pub fn load(path: &Path) -> Result<Self> {
-        gltf::load(path)
+        Self::load_with(path, &LoadOptions::default())
+    }
+
+    /// The same in a way that is not the usual one.
+    ///
+    /// # Errors
+    /// As [`Scene::load`], and where the file has no scene or variant of the name that is asked for.
+    pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Self> {
+        let start = source::read_file(path, 64).map_err(|error| Error::io(path, &error))?;
+        let refuse = |problem| Error::Scene { path: path.to_path_buf(), problem };
+        let mut scene = match formats::format_of(path, &start).map_err(refuse)? {
+            Format::Gltf => gltf::load(path, options)?,
+            Format::Obj => obj::load(path, options)?,
+        };
+        if let Some(wanted) = &options.camera {
+            let names: Vec<&str> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
+            scene.camera = Some(options::by_name(&names, wanted, "camera").map_err(refuse)?);
+        }
+        Ok(scene)
     }
 
     /// Tells whether a file can be read; see [`gltf::check`].
@@ -69,7 +107,7 @@ impl Scene {
 
     /// Reads a binary glTF 2.0 file from memory; see [`gltf::load_glb`].
     pub fn from_glb(name: &Path, bytes: &[u8]) -> Result<Self> {
-        gltf::load_glb(name, bytes)
+        gltf::load_glb(name, bytes, &LoadOptions::default())
     }
 }
 
@@ -151,6 +189,8 @@ pub struct Camera {
     pub name: String,
     /// Where it is; it looks along its -Z.
     pub world_from_eye: Pose,
-    /// Vertical field of view in radians; `None` for orthographic cameras, which are not traced.
+    /// Vertical field of view in radians, of perspective cameras.
     pub fov_y: Option<f64>,
+    /// Half of what it sees from its top to its bottom, in metres, of orthographic cameras.
+    pub half_height: Option<f64>,
 }

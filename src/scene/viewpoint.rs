@@ -29,6 +29,8 @@ const GROUND_SHARE: f64 = 0.5;
 const LANDSCAPE: f64 = 0.2;
 /// Field of view in degrees for settings that are none.
 const FALLBACK_FOV: f64 = 70.0;
+/// Field of view, in radians, of the perspective camera that stands for an orthographic one: one degree.
+const FAR_FOV: f64 = std::f64::consts::PI / 180.0;
 /// Share of the field of view that a thing seen from outside fills.
 const FILLED: f64 = 0.9;
 
@@ -43,16 +45,19 @@ pub struct Viewpoint {
 
 /// The viewpoint for a scene that is given none. Always finite.
 ///
-/// 1. The file's first perspective camera, or the one named "viewer" if there is such.
+/// 1. The camera that was asked for ([`Scene::camera`]); else the file's one named "viewer", else its first
+///    perspective one, else its first orthographic one.
 /// 2. From outside, all of it in the picture where that is at least as wide as high: bounds with a
-///    diagonal below 6 m, walls with no depth, and single things with nowhere to stand.
+///    diagonal below 6 m, walls with no depth, single things with nowhere to stand, and things on an open
+///    floor that nobody who stands there has in sight with room before them.
 /// 3. Else from inside, 1.65 m above what is highest under the open sky at the centre of the bounds, or
 ///    near it where a roof is there, or under that roof. The eye looks along the longer side of the
 ///    bounds, the way that has more room. Bounds with a diagonal above 2 km raise the eye in proportion.
 ///
 /// `fov_y_deg`, in degrees, is for cases 2 and 3.
 pub fn default_viewpoint(scene: &Scene, fov_y_deg: f64) -> Viewpoint {
-    if let Some(viewpoint) = file_camera(&scene.cameras) {
+    let asked = scene.camera.and_then(|index| scene.cameras.get(index)).and_then(through);
+    if let Some(viewpoint) = asked.or_else(|| file_camera(&scene.cameras)) {
         return viewpoint;
     }
     let fov_y = if fov_y_deg.is_finite() { fov_y_deg.clamp(1.0, 175.0) } else { FALLBACK_FOV }.to_radians();
@@ -101,11 +106,25 @@ impl Bounds {
 }
 
 fn file_camera(cameras: &[Camera]) -> Option<Viewpoint> {
-    let usable = |camera: &&Camera| camera.fov_y.is_some_and(|fov| fov > 0.0 && fov < std::f64::consts::PI);
-    let viewer = cameras.iter().filter(usable).find(|camera| camera.name.eq_ignore_ascii_case("viewer"));
-    let camera = viewer.or_else(|| cameras.iter().find(usable))?;
+    let viewer = cameras.iter().filter(|camera| camera.name.eq_ignore_ascii_case("viewer")).find_map(through);
+    let perspective = || cameras.iter().filter(|camera| camera.fov_y.is_some()).find_map(through);
+    viewer.or_else(perspective).or_else(|| cameras.iter().find_map(through))
+}
+
+/// What a camera sees. An orthographic one is replaced by a perspective one that is so far away that what it
+/// frames spans one degree; things at twice the frame's height from it are then larger by 2 %.
+fn through(camera: &Camera) -> Option<Viewpoint> {
     let Pose { rotation, position } = camera.world_from_eye;
-    Some(Viewpoint { world_from_eye: Pose::new(rotation, position), fov_y: camera.fov_y? })
+    let usable = camera.fov_y.filter(|fov| *fov > 0.0 && *fov < std::f64::consts::PI);
+    if let Some(fov_y) = usable {
+        return Some(Viewpoint { world_from_eye: Pose::new(rotation, position), fov_y });
+    }
+    let half = camera.half_height.filter(|half| half.is_finite() && *half > 0.0)?;
+    let away = half / (FAR_FOV * 0.5).tan();
+    Some(Viewpoint {
+        world_from_eye: Pose::new(rotation, position + rotation * DVec3::Z * away),
+        fov_y: FAR_FOV,
+    })
 }
 
 /// A three-quarter view that frames the bounds.
@@ -156,7 +175,7 @@ impl Place<'_> {
             tops.into_iter().enumerate().filter_map(|(i, top)| Some((i, top.or_else(|| over_nothing(i))?)));
         grounds
             .filter(|&(_, ground)| ground <= highest_ground)
-            .find_map(|(i, ground)| self.stand(columns[i], ground, ROOM_OUTDOORS))
+            .find_map(|(i, ground)| self.stand(columns[i], ground, ROOM_OUTDOORS, true))
     }
 
     /// Under a roof at the centre, on the floor with the most headroom.
@@ -168,15 +187,18 @@ impl Place<'_> {
             .filter(|pair| pair[0].1)
             .map(|pair| (pair[0].0, pair[1].0 - pair[0].0))
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
-        (headroom >= HEADROOM * self.eye_height).then(|| self.stand(centre, floor, ROOM_INDOORS))?
+        (headroom >= HEADROOM * self.eye_height).then(|| self.stand(centre, floor, ROOM_INDOORS, false))?
     }
 
-    /// On top of a landscape at its centre.
+    /// On top of a landscape at its centre, where that is not the top of one thing alone.
     fn summit(&self) -> Option<Pose> {
         let size = self.bounds.size();
-        let centre = self.columns()[0];
-        let top = rays::tops(self.mesh, &[centre])[0]?;
-        (size.y < LANDSCAPE * size.x.max(size.z)).then(|| self.stand(centre, top, 0.0))?
+        let columns = self.columns();
+        let tops = rays::tops(self.mesh, &columns);
+        let top = tops[0]?;
+        let as_high = tops.iter().flatten().filter(|&&other| other > top - self.eye_height).count();
+        let landscape = size.y < LANDSCAPE * size.x.max(size.z) && as_high * 5 >= columns.len();
+        landscape.then(|| self.stand(columns[0], top, 0.0, false))?
     }
 
     /// Places (x, z) worth a try: the centre, then a grid over the middle half, nearest first.
@@ -188,29 +210,49 @@ impl Place<'_> {
         steps.into_iter().map(|(x, z)| (at(centre.x, size.x, x), at(centre.z, size.z, z))).collect()
     }
 
-    /// The view of somebody who stands there; `None` with less room ahead than that many eye heights.
-    fn stand(&self, (x, z): (f64, f64), ground: f64, room: f64) -> Option<Pose> {
+    /// The view of somebody who stands there; `None` with less room ahead than that many eye heights, and
+    /// where nothing stands in sight though something should.
+    fn stand(&self, (x, z): (f64, f64), ground: f64, room: f64, in_sight: bool) -> Option<Pose> {
         let eye = DVec3::new(x, ground + self.eye_height, z);
         let size = self.bounds.size();
         let (long, short) = if size.x > size.z { (DVec3::X, DVec3::Z) } else { (DVec3::Z, DVec3::X) };
         let ways = [-long, long, -short, short];
-        let free = self.free(eye, ways);
-        let freer = |a: usize, b: usize| if free[b] > free[a] { b } else { a };
+        let seen = self.look(eye, ways);
+        // What shows something comes before what shows only the way out.
+        let rank = |way: usize| (!in_sight || seen[way].something, seen[way].free);
+        let freer = |a: usize, b: usize| if rank(b) > rank(a) { b } else { a };
         let (along, across) = (freer(0, 1), freer(2, 3));
         let enough = room.max(1.0) * self.eye_height;
-        let best = if free[along] >= enough { along } else { freer(along, across) };
+        let best = if rank(along) >= (true, enough) { along } else { freer(along, across) };
         let target = eye + ways[best] * size.length();
-        (free[best] >= room * self.eye_height).then(|| Pose::look_at(eye, target))
+        (rank(best) >= (true, room * self.eye_height)).then(|| Pose::look_at(eye, target))
     }
 
-    /// Room in each way: the mean length of three rays, inside the bounds.
-    fn free(&self, eye: DVec3, ways: [DVec3; 4]) -> [f64; 4] {
-        let fan = ways.map(|way| [-0.35, 0.0, 0.35].map(|turn| glam::DQuat::from_rotation_y(turn) * way));
+    /// What five rays each way find, inside the bounds.
+    fn look(&self, eye: DVec3, ways: [DVec3; 4]) -> [Seen; 4] {
+        const TURNS: [f64; 5] = [-0.7, -0.35, 0.0, 0.35, 0.7];
+        let fan = ways.map(|way| TURNS.map(|turn| glam::DQuat::from_rotation_y(turn) * way));
         let directions = fan.concat();
         let free = rays::free_distances(self.mesh, eye, &directions, self.bounds.size().length());
-        let inside = |i: usize| free[i].min(self.bounds.exit(eye, directions[i]));
-        std::array::from_fn(|way| (0..3).map(|ray| inside(way * 3 + ray)).sum::<f64>() / 3.0)
+        std::array::from_fn(|way| {
+            let first = way * TURNS.len();
+            let exit = |ray: usize| self.bounds.exit(eye, directions[first + ray]);
+            let meets = |ray: usize| free[first + ray] < exit(ray);
+            Seen {
+                free: (1..4).map(|ray| free[first + ray].min(exit(ray))).sum::<f64>() / 3.0,
+                // Ahead, or on both sides.
+                something: meets(2) || ((meets(0) || meets(1)) && (meets(3) || meets(4))),
+            }
+        })
     }
+}
+
+/// What is one way.
+struct Seen {
+    /// Mean length of the rays in the middle.
+    free: f64,
+    /// Something is in sight, apart from what is at one edge of it.
+    something: bool,
 }
 
 #[cfg(test)]

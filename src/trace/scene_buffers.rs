@@ -1,6 +1,7 @@
 //! A scene as devices take it, and in a device's memory.
 
-use std::sync::OnceLock;
+use std::collections::HashMap;
+use std::sync::{Arc, OnceLock};
 
 use glam::{Vec3, Vec4};
 use half::f16;
@@ -403,7 +404,15 @@ fn pack_material(m: &crate::scene::Material) -> layout::Material {
 }
 
 fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, Vec<[u8; 4]>)> {
-    let total: usize = scene.textures.iter().map(|t| t.texels.len()).sum();
+    // Textures that share texels share them here too.
+    let mut starts = HashMap::new();
+    let mut total = 0;
+    for texture in &scene.textures {
+        starts.entry(Arc::as_ptr(&texture.texels)).or_insert_with(|| {
+            total += texture.texels.len();
+            total - texture.texels.len()
+        });
+    }
     if total > u32::MAX as usize {
         return Err(Error::setting("scene", "its textures have more than 2^32 texels; use smaller ones"));
     }
@@ -415,8 +424,9 @@ fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, Vec<[u8; 4]
             Wrap::MirroredRepeat => 1,
             Wrap::ClampToEdge => 2,
         });
+        let start = starts[&Arc::as_ptr(&texture.texels)];
         infos.push(layout::TextureInfo {
-            offset: texels.len() as u32,
+            offset: start as u32,
             width: texture.width,
             height: texture.height,
             packed: texture.levels()
@@ -425,7 +435,9 @@ fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, Vec<[u8; 4]
                 | u32::from(texture.srgb) << 12
                 | u32::from(texture.nearest) << 13,
         });
-        texels.extend_from_slice(&texture.texels);
+        if start == texels.len() {
+            texels.extend_from_slice(&texture.texels);
+        }
     }
     Ok((infos, texels))
 }

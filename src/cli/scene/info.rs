@@ -18,7 +18,7 @@ use crate::trace::{BufferBytes, SceneBuffers, SceneData};
 /// Arguments of `foveate scene info`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A glTF 2.0 file, .gltf or .glb.
+    /// A scene: .gltf, .glb or .obj.
     scene: PathBuf,
     #[command(flatten)]
     pub(super) options: ConfigOptions,
@@ -84,9 +84,19 @@ impl Info {
         line("bounds", scene.bounds.map_or("none".into(), |b| format!("{:.3?} to {:.3?} m", b.min, b.max)));
         line("features", self.features());
         line("lights", self.lights());
-        for camera in &scene.cameras {
-            let fov = camera.fov_y.map_or("orthographic".into(), |fov| format!("{fov:.1} degrees high"));
-            line("camera", format!("{:?} at {:.3?}, {fov}", camera.name, camera.position));
+        for (i, camera) in scene.cameras.iter().enumerate() {
+            let what = match (camera.fov_y, camera.height) {
+                (Some(fov), _) => format!("{fov:.1} degrees high"),
+                (None, Some(height)) => format!("orthographic, {height:.3} m high"),
+                (None, None) => "not usable".into(),
+            };
+            line("camera", format!("{i} {:?} at {:.3?}, {what}", camera.name, camera.position));
+        }
+        // One scene is no choice.
+        for (kind, names) in [("scene", &scene.scenes), ("variant", &scene.variants)] {
+            for (i, name) in names.iter().enumerate().filter(|_| kind == "variant" || names.len() > 1) {
+                line(kind, format!("{i} {name:?}"));
+            }
         }
         let BvhInfo { nodes, depth, bytes_per_triangle, cost } = &self.bvh;
         line("tree", format!("{nodes} nodes, {depth} deep, {bytes_per_triangle:.1} bytes a triangle"));

@@ -174,7 +174,7 @@ fn occlusion_dims_the_map_only() {
     let reference = TextureRef { texture: 0, uv_slot: 0, matrix: Mat2::IDENTITY, offset: Vec2::ZERO };
     let occluded = Material { occlusion_texture: Some(reference), occlusion_strength: 0.5, ..plain.clone() };
     let black = Texture {
-        texels: vec![[0, 0, 0, 255]],
+        texels: vec![[0, 0, 0, 255]].into(),
         width: 1,
         height: 1,
         srgb: false,

@@ -13,7 +13,7 @@ pub fn picture(size: usize, texel: impl Fn(Vec2) -> [f32; 4] + Sync) -> Vec<u8> 
     let at = |i: usize| Vec2::new((i % size) as f32 + 0.5, (i / size) as f32 + 0.5) / size as f32;
     let byte = |c: f32| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     let texels: Vec<[u8; 4]> = (0..size * size).into_par_iter().map(|i| texel(at(i)).map(byte)).collect();
-    png(size, &texels)
+    png([size as u32; 2], &texels)
 }
 
 /// A normal map (+Y up, as in glTF) of a surface that is `height(uv)` high, in units of the picture's edge.
@@ -32,8 +32,8 @@ pub fn normal_map(size: usize, height: impl Fn(Vec2) -> f32 + Sync) -> Vec<u8> {
     })
 }
 
-/// Encodes square RGBA texels; without alpha where all of them are opaque.
-pub fn png(size: usize, texels: &[[u8; 4]]) -> Vec<u8> {
+/// Encodes RGBA texels of a width and height; without alpha where all of them are opaque.
+pub fn png([width, height]: [u32; 2], texels: &[[u8; 4]]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
     let opaque = texels.iter().all(|t| t[3] == 255);
@@ -45,7 +45,7 @@ pub fn png(size: usize, texels: &[[u8; 4]]) -> Vec<u8> {
         (bytemuck::cast_slice(texels), ExtendedColorType::Rgba8)
     };
     encoder
-        .write_image(data, size as u32, size as u32, kind)
+        .write_image(data, width, height, kind)
         .expect("memory takes every byte, and the sizes fit by construction");
     bytes
 }

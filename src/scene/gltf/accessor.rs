@@ -19,7 +19,8 @@ pub enum Component {
 }
 
 impl Component {
-    fn new(code: usize) -> Option<Self> {
+    /// From the file's number (glTF 2.0, `accessor.componentType`).
+    pub fn new(code: usize) -> Option<Self> {
         Some(match code {
             5120 => Component::I8,
             5121 => Component::U8,
@@ -66,7 +67,8 @@ impl Component {
     }
 }
 
-fn width(kind: &str) -> Option<usize> {
+/// Components of an element of the file's `accessor.type`.
+pub fn width(kind: &str) -> Option<usize> {
     Some(match kind {
         "SCALAR" => 1,
         "VEC2" => 2,
@@ -124,6 +126,11 @@ impl<'a> Accessor<'a> {
         let size = component.size() * width;
         let count = raw.count.0;
         let source = Source { document, buffers, accessor: index };
+        if let Some(bytes) = buffers.accessor(index) {
+            let elements = Elements { bytes: Some(bytes), stride: size };
+            let normalized = raw.normalized;
+            return Ok(Accessor { index, count, width, component, normalized, elements, sparse: None });
+        }
         let elements = match raw.buffer_view {
             Some(view) => {
                 let stride = document.buffer_views[view.0].byte_stride.map_or(size, |stride| stride.0);

@@ -13,13 +13,20 @@ pub fn references(document: &Document) -> Outcome<()> {
         }
     }
     for (i, view) in d.buffer_views.iter().enumerate() {
-        inside([view.buffer], d.buffers.len(), || format!("bufferView {i}"), "buffer")?;
+        let compressed = view.extensions.meshopt().map(|meshopt| meshopt.buffer);
+        inside(
+            compressed.into_iter().chain([view.buffer]),
+            d.buffers.len(),
+            || format!("bufferView {i}"),
+            "buffer",
+        )?;
     }
     for (i, image) in d.images.iter().enumerate() {
         inside(image.buffer_view, d.buffer_views.len(), || format!("image {i}"), "bufferView")?;
     }
     for (i, texture) in d.textures.iter().enumerate() {
-        inside(texture.source, d.images.len(), || format!("texture {i}"), "image")?;
+        let webp = texture.extensions.webp.as_ref().and_then(|webp| webp.source);
+        inside(texture.source.into_iter().chain(webp), d.images.len(), || format!("texture {i}"), "image")?;
         inside(texture.sampler, d.samplers.len(), || format!("texture {i}"), "sampler")?;
     }
     for (i, material) in d.materials.iter().enumerate() {
@@ -46,7 +53,10 @@ fn meshes(d: &Document) -> Outcome<()> {
             let morphs = primitive.targets.iter().flat_map(|target| target.values());
             let accessors = primitive.attributes.values().chain(morphs).copied().chain(primitive.indices);
             inside(accessors, d.accessors.len(), name, "accessor")?;
-            inside(primitive.material, d.materials.len(), name, "material")?;
+            let variants = primitive.extensions.variants.iter().flat_map(|v| &v.mappings).map(|m| m.material);
+            inside(variants.chain(primitive.material), d.materials.len(), name, "material")?;
+            let draco = primitive.extensions.draco.as_ref().map(|draco| draco.buffer_view);
+            inside(draco, d.buffer_views.len(), name, "bufferView")?;
         }
     }
     Ok(())
@@ -60,6 +70,8 @@ fn nodes(d: &Document) -> Outcome<()> {
         inside(node.mesh, d.meshes.len(), name, "mesh")?;
         inside(node.camera, d.cameras.len(), name, "camera")?;
         inside(node.skin, d.skins.len(), name, "skin")?;
+        let instances = node.extensions.instances.iter().flat_map(|i| i.attributes.values().copied());
+        inside(instances, d.accessors.len(), name, "accessor")?;
         inside(node.extensions.light.as_ref().map(|light| light.light), lights, name, "light")?;
     }
     Ok(())

@@ -2,11 +2,16 @@
 
 use std::ops::Range;
 
-use super::Outcome;
 use super::json::Document;
+use super::{Outcome, weigh};
+use crate::scene::budget::Budget;
 
 /// Extensions that this loader implements.
-const SUPPORTED: [&str; 13] = [
+const SUPPORTED: [&str; 20] = [
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
@@ -17,8 +22,11 @@ const SUPPORTED: [&str; 13] = [
     "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_variants",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_node_visibility",
     "KHR_texture_transform",
 ];
 
@@ -35,24 +43,22 @@ pub struct Container {
 }
 
 /// Reads a `.gltf` or `.glb` file's bytes; `binary` says that the file's name promises a `.glb`.
-pub fn parse(bytes: &[u8], binary: bool, warnings: &mut Vec<String>) -> Outcome<Container> {
+pub fn parse(bytes: &[u8], binary: bool, budget: &Budget, warnings: &mut Vec<String>) -> Outcome<Container> {
     if !binary && !bytes.starts_with(MAGIC) {
-        return Ok(Container { document: parse_json(bytes, warnings)?, bin: None });
+        return Ok(Container { document: parse_json(bytes, budget, warnings)?, bin: None });
     }
     let (json, bin) = split_glb(bytes)?;
-    Ok(Container { document: parse_json(&bytes[json], warnings)?, bin })
+    Ok(Container { document: parse_json(&bytes[json], budget, warnings)?, bin })
 }
 
-fn parse_json(bytes: &[u8], warnings: &mut Vec<String>) -> Outcome<Document> {
-    if bytes.starts_with(b"\xEF\xBB\xBF") {
-        return Err(
-            "the JSON starts with a byte order mark, which glTF forbids; save it as UTF-8 without one".into(),
-        );
-    }
+fn parse_json(bytes: &[u8], budget: &Budget, warnings: &mut Vec<String>) -> Outcome<Document> {
+    // glTF forbids a byte order mark, but some editors write one.
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     // Serde would take an array for an object.
     if bytes.trim_ascii_start().first() == Some(&b'[') {
         return Err("the JSON is an array, not a glTF 2.0 document; export it again".into());
     }
+    budget.plan_document(weigh::bytes(bytes))?;
     let document: Document = serde_json::from_slice(bytes)
         .map_err(|error| format!("the JSON is not a glTF 2.0 document ({error}); export it again"))?;
     check_version(&document)?;

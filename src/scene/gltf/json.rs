@@ -6,12 +6,19 @@
 //! Fields have the specification's names, meanings and units. Nothing here is checked beyond its type:
 //! see [`super::check`].
 
+mod extensions;
+
 use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Deserialize as Derive;
 use serde::de::{self, Deserialize, Deserializer};
 
+use self::extensions::lenient;
+pub use self::extensions::{
+    Draco, Instances, MadeImage, Meshopt, PrimitiveExtensions, TextureExtensions, VariantNames,
+    ViewExtensions, Visibility,
+};
 use super::extensions::LayerExtensions;
 
 /// A count, an offset or an index: an integer that is not negative.
@@ -95,6 +102,8 @@ pub struct Asset {
 pub struct RootExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub lights: Option<Lights>,
+    #[serde(rename = "KHR_materials_variants", default, deserialize_with = "lenient")]
+    pub variants: Option<VariantNames>,
 }
 
 #[derive(Derive)]
@@ -174,12 +183,20 @@ pub struct BufferView {
     pub byte_offset: Int,
     pub byte_length: Int,
     pub byte_stride: Option<Int>,
+    #[serde(default)]
+    pub extensions: ViewExtensions,
 }
 
 #[derive(Derive)]
 pub struct Camera {
     pub name: Option<String>,
     pub perspective: Option<Perspective>,
+    pub orthographic: Option<Orthographic>,
+}
+
+#[derive(Derive)]
+pub struct Orthographic {
+    pub ymag: f64,
 }
 
 #[derive(Derive)]
@@ -190,8 +207,12 @@ pub struct Perspective {
 #[derive(Derive)]
 #[serde(rename_all = "camelCase")]
 pub struct Image {
+    pub name: Option<String>,
     pub uri: Option<String>,
     pub buffer_view: Option<Int>,
+    /// Of scenes in other formats, which become documents in memory.
+    #[serde(skip)]
+    pub made: Option<MadeImage>,
 }
 
 #[derive(Derive, Default)]
@@ -273,7 +294,7 @@ pub struct Mesh {
     pub weights: Vec<f64>,
 }
 
-#[derive(Derive)]
+#[derive(Derive, Default)]
 pub struct Primitive {
     pub attributes: BTreeMap<String, Int>,
     pub indices: Option<Int>,
@@ -281,6 +302,8 @@ pub struct Primitive {
     pub mode: Option<Int>,
     #[serde(default)]
     pub targets: Vec<BTreeMap<String, Int>>,
+    #[serde(default)]
+    pub extensions: PrimitiveExtensions,
 }
 
 #[derive(Derive, Default)]
@@ -303,6 +326,10 @@ pub struct Node {
 pub struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub light: Option<LightRef>,
+    #[serde(rename = "EXT_mesh_gpu_instancing", default, deserialize_with = "lenient")]
+    pub instances: Option<Instances>,
+    #[serde(rename = "KHR_node_visibility", default, deserialize_with = "lenient")]
+    pub visibility: Option<Visibility>,
 }
 
 #[derive(Derive)]
@@ -320,6 +347,7 @@ pub struct Sampler {
 
 #[derive(Derive)]
 pub struct SceneRoots {
+    pub name: Option<String>,
     #[serde(default)]
     pub nodes: Vec<Int>,
 }
@@ -335,4 +363,6 @@ pub struct Skin {
 pub struct Texture {
     pub sampler: Option<Int>,
     pub source: Option<Int>,
+    #[serde(default)]
+    pub extensions: TextureExtensions,
 }

@@ -5,6 +5,7 @@
 //! an image into the factors and finds alpha that is never used.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use glam::{Mat2, Vec2, Vec3, Vec4};
 
@@ -83,7 +84,10 @@ impl Draft {
             let srgb = [BASE_COLOR, EMISSIVE, SPECULAR_COLOR, SHEEN_COLOR].contains(&role) || glossiness;
             uses[role] = use_of(document, info, srgb)?;
             if uses[role].is_none() {
-                warnings.push(format!("texture {} has no PNG or JPEG image and was left out", info.index.0));
+                warnings.push(format!(
+                    "texture {} has no image of a kind that is read, and was left out",
+                    info.index.0
+                ));
             }
         }
         Ok(Draft { material, uses })
@@ -101,9 +105,10 @@ impl Draft {
     }
 
     /// Removes what cannot be seen, given the images and the least alpha of the vertex colours.
-    pub fn simplify(&mut self, images: &HashMap<usize, Decoded>, vertex_alpha: f32) {
+    pub fn simplify(&mut self, images: &HashMap<usize, Arc<Decoded>>, vertex_alpha: f32) {
+        self.leave_out_unusable(images);
         self.simplify_alpha(images, vertex_alpha);
-        let ranges = self.uses.map(|texture| texture.map(|texture| &images[&texture.image]));
+        let ranges = self.uses.map(|texture| texture.map(|texture| &*images[&texture.image]));
         let constant = |role: usize, channels: &[usize]| {
             ranges[role].filter(|d| channels.iter().all(|&c| d.low[c] == d.high[c])).map(|d| d.low)
         };
@@ -144,8 +149,22 @@ impl Draft {
         }
     }
 
+    /// Only colours show that an image is not usable; others would have to be taken for data.
+    fn leave_out_unusable(&mut self, images: &HashMap<usize, Arc<Decoded>>) {
+        for role in (0..self.uses.len()).filter(|&role| role != BASE_COLOR) {
+            if self.uses[role].take_if(|texture| images[&texture.image].stand_in).is_none() {
+                continue;
+            }
+            match role {
+                METALLIC_ROUGHNESS => self.material.metallic = 0.0,
+                EMISSIVE => self.material.emissive = Vec3::ZERO,
+                _ => {}
+            }
+        }
+    }
+
     /// MASK and BLEND that never hide anything become Opaque.
-    fn simplify_alpha(&mut self, images: &HashMap<usize, Decoded>, vertex_alpha: f32) {
+    fn simplify_alpha(&mut self, images: &HashMap<usize, Arc<Decoded>>, vertex_alpha: f32) {
         let texture =
             self.uses[BASE_COLOR].map_or(1.0, |texture| f32::from(images[&texture.image].low[3]) / 255.0);
         let least = self.material.base_color.w * texture * vertex_alpha;
@@ -297,7 +316,7 @@ fn metallic_roughness(source: &json::Material, index: usize) -> Outcome<Material
 
 fn use_of(document: &Document, info: &TextureInfo, srgb: bool) -> Outcome<Option<Use>> {
     let texture = &document.textures[info.index.0];
-    let Some(image) = texture.source else { return Ok(None) };
+    let Some(image) = texture.image() else { return Ok(None) };
     let sampling = match texture.sampler {
         Some(sampler) => sampling(&document.samplers[sampler.0], sampler.0, srgb)?,
         None => Sampling { srgb, wrap: [Wrap::Repeat; 2], nearest: false },
@@ -305,7 +324,7 @@ fn use_of(document: &Document, info: &TextureInfo, srgb: bool) -> Outcome<Option
     let transform = info.extensions.transform.as_ref();
     let set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord).0;
     let (matrix, offset) = transform.map_or((Mat2::IDENTITY, Vec2::ZERO), uv_transform);
-    Ok(Some(Use { image: image.0, sampling, set, matrix, offset }))
+    Ok(Some(Use { image, sampling, set, matrix, offset }))
 }
 
 /// The matrix and the offset of KHR_texture_transform.

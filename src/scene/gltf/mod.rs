@@ -12,11 +12,14 @@
 mod accessor;
 mod buffers;
 mod check;
+mod compressed;
 mod container;
 mod extensions;
 mod flatten;
 mod images;
-mod json;
+mod instances;
+pub(super) mod json;
+mod made;
 mod materials;
 mod nodes;
 mod placed;
@@ -24,32 +27,33 @@ mod placements;
 mod reader;
 mod shape;
 mod skin;
-mod source;
 mod surface;
 mod tangents;
 mod triangulate;
+mod variants;
 mod vectors;
+mod weigh;
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use self::buffers::Buffers;
-use self::images::Decoded;
+use self::images::{Decoded, Images};
 use self::json::Document;
 use self::materials::{Draft, Finished, TextureTable};
 use self::nodes::Nodes;
 use self::placements::{Placement, placements};
 use self::shape::Shape;
-use self::source::Folder;
 use self::surface::Surface;
-use super::{LeftOut, Scene, Texture};
+use super::options::by_name;
+use super::source::{self, Folder};
+use super::texture::mip_levels;
+use super::{LeftOut, LoadOptions, Outcome, Scene, Texture};
 use crate::{Error, Result};
-
-/// What went right, or a clause about what is wrong with the file and the next step.
-type Outcome<T> = std::result::Result<T, String>;
 
 /// A `.glb` cannot be longer, and no sensible `.gltf` is.
 const MAX_FILE: u64 = 1 << 32;
@@ -72,37 +76,57 @@ pub fn check(path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::File`] when the file itself cannot be read, [`Error::Scene`] when it or what it refers to is
-/// malformed, missing, outside its folder, too large, or requires an unsupported extension.
-pub fn load(path: &Path) -> Result<Scene> {
+/// malformed, missing, outside its folder, or requires an unsupported extension, when it takes more memory
+/// than is free, and when it has no scene or variant of the name that the options give.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
     let bytes = source::read_file(path, MAX_FILE).map_err(|error| Error::io(path, &error))?;
     let folder = Folder::of(path).map_err(|error| Error::io(path, &error))?;
     let binary = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb"));
-    read(&bytes, binary, &folder).map_err(|problem| Error::Scene { path: path.to_path_buf(), problem })
+    let refuse = |problem| Error::Scene { path: path.to_path_buf(), problem };
+    read(&bytes, binary, &folder, options).map_err(refuse)
 }
 
 /// Reads a binary glTF file from memory; `name` stands for it in messages. Nothing outside is read.
 ///
 /// # Errors
 /// [`Error::Scene`] as for [`load`].
-pub fn load_glb(name: &Path, bytes: &[u8]) -> Result<Scene> {
-    read(bytes, true, &Folder::none()).map_err(|problem| Error::Scene { path: name.to_path_buf(), problem })
+pub fn load_glb(name: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Scene> {
+    let refuse = |problem| Error::Scene { path: name.to_path_buf(), problem };
+    read(bytes, true, &Folder::none(), options).map_err(refuse)
 }
 
-fn read(bytes: &[u8], binary: bool, folder: &Folder) -> Outcome<Scene> {
+fn read(bytes: &[u8], binary: bool, folder: &Folder, options: &LoadOptions) -> Outcome<Scene> {
     let mut warnings = Vec::new();
-    let container = container::parse(bytes, binary, &mut warnings)?;
-    let document = &container.document;
-    check::references(document)?;
-    let buffers = &Buffers::load(document, container.bin.map(|bin| &bytes[bin]), folder)?;
-    let nodes = Nodes::new(document)?;
-    let placements = placements(document, &nodes, &mut warnings)?;
+    let container = container::parse(bytes, binary, &options.budget, &mut warnings)?;
+    let mut document = container.document;
+    check::references(&document)?;
+    variants::choose(&mut document, options.variant.as_deref())?;
+    from_document(&document, container.bin.map(|bin| &bytes[bin]), folder, options, warnings)
+}
+
+/// The scene of a document whose references are in range. Buffer 0 is `bin` where it has no URI.
+pub(super) fn from_document(
+    document: &Document,
+    bin: Option<&[u8]>,
+    folder: &Folder,
+    options: &LoadOptions,
+    mut warnings: Vec<String>,
+) -> Outcome<Scene> {
+    let budget = &options.budget;
+    let mut buffers = Buffers::load(document, bin, folder, budget)?;
+    buffers.take_views(compressed::views(document, &buffers, budget)?);
+    let nodes = Nodes::new(document, chosen_scene(document, options)?, options.scale)?;
+    let placements = placements(document, &buffers, &nodes, budget, &mut warnings)?;
+    buffers.take_accessors(compressed::accessors(document, &buffers, &placements)?);
+    let buffers = &buffers;
 
     let mut drafts = drafts(document, &placements, &mut warnings)?;
     let (images, shapes) = rayon::join(
-        || images::load(document, buffers, folder, &images_of(&drafts)),
+        || Images { document, buffers, folder }.load(&images_of(&drafts), budget),
         || shapes(document, buffers, &nodes, placements, &drafts),
     );
-    let (images, mut shapes) = (images?, shapes?);
+    let ((images, unusable), mut shapes) = (images?, shapes?);
+    warnings.extend(unusable);
     let mut dropped = LeftOut::default();
     shapes.retain(|shape| {
         let nothing = shape.triangles.is_empty() && shape.dropped == LeftOut::default();
@@ -135,6 +159,32 @@ fn read(bytes: &[u8], binary: bool, folder: &Folder) -> Outcome<Scene> {
     dropped.add(collapsed, 1);
 
     let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
+    tell_left_out(dropped, lacking, &mut warnings);
+    let lights = placed::lights(document, &nodes, anchor, &mut warnings)?;
+    let cameras = placed::cameras(document, &nodes, &mut warnings);
+    let mut said = HashSet::new();
+    warnings.retain(|warning| said.insert(warning.clone()));
+    let materials = finished.into_values().map(|finished| finished.material).collect();
+    let scenes = document.scenes.iter().map(|scene| scene.name.clone().unwrap_or_default()).collect();
+    let variants = variants::names(document);
+    Ok(Scene {
+        anchor,
+        mesh,
+        materials,
+        textures,
+        lights,
+        cameras,
+        camera: None,
+        scenes,
+        variants,
+        instances,
+        left_out: dropped,
+        warnings,
+    })
+}
+
+/// Tells what was left out, and how many primitives lack coordinates.
+fn tell_left_out(dropped: LeftOut, lacking: usize, warnings: &mut Vec<String>) {
     if lacking > 0 {
         warnings.push(format!("{lacking} primitives lack the texture coordinates that their materials read, which are taken as zero"));
     }
@@ -147,12 +197,14 @@ fn read(bytes: &[u8], binary: bool, folder: &Folder) -> Outcome<Scene> {
             dropped.no_area, dropped.not_finite
         ));
     }
-    let lights = placed::lights(document, &nodes, anchor, &mut warnings)?;
-    let cameras = placed::cameras(document, &nodes, &mut warnings);
-    let mut said = HashSet::new();
-    warnings.retain(|warning| said.insert(warning.clone()));
-    let materials = finished.into_values().map(|finished| finished.material).collect();
-    Ok(Scene { anchor, mesh, materials, textures, lights, cameras, instances, left_out: dropped, warnings })
+}
+
+/// The index of the scene to show: the one that is asked for, else the file's own choice, else the first.
+fn chosen_scene(document: &Document, options: &LoadOptions) -> Outcome<usize> {
+    let Some(wanted) = &options.scene else { return Ok(document.scene.map_or(0, |scene| scene.0)) };
+    let names: Vec<&str> =
+        document.scenes.iter().map(|scene| scene.name.as_deref().unwrap_or_default()).collect();
+    by_name(&names, wanted, "scene")
 }
 
 fn drafts(
@@ -212,19 +264,30 @@ fn surface(
     Surface::new(document, buffers, shape, material)
 }
 
-fn textures(table: TextureTable, mut images: HashMap<usize, Decoded>) -> Vec<Texture> {
-    let mut uses = HashMap::<usize, usize>::new();
-    table.list.iter().for_each(|(image, _)| *uses.entry(*image).or_default() += 1);
-    let take = |(index, sampling)| {
-        let left = uses.get_mut(&index)?;
-        *left -= 1;
-        // The last texture of an image takes its texels instead of copying them.
-        let image = if *left == 0 { images.remove(&index)?.image } else { images.get(&index)?.image.clone() };
-        Some((image, sampling))
+/// Textures that read one image share its texels, unless one of them takes it for sRGB and another does not.
+fn textures(table: TextureTable, mut images: HashMap<usize, Arc<Decoded>>) -> Vec<Texture> {
+    let mut numbers = HashMap::new();
+    let mut distinct = Vec::new();
+    let mut uses = Vec::new();
+    for (index, sampling) in table.list {
+        let Some(image) = images.get(&index) else { continue };
+        let number = *numbers.entry((Arc::as_ptr(image), sampling.srgb)).or_insert_with(|| {
+            distinct.push((image.clone(), sampling.srgb));
+            distinct.len() - 1
+        });
+        uses.push((number, sampling));
+    }
+    images.clear();
+    let levels = |(image, srgb): (Arc<Decoded>, bool)| {
+        let size = [image.image.width, image.image.height];
+        // The last to use an image takes its texels instead of copying them.
+        let image = Arc::try_unwrap(image).map_or_else(|shared| shared.image.clone(), |own| own.image);
+        (Arc::new(mip_levels(image, srgb)), size)
     };
-    let sources: Vec<_> = table.list.into_iter().filter_map(take).collect();
-    drop(images);
-    sources.into_par_iter().map(|(image, sampling)| Texture::from_image(image, sampling)).collect()
+    let made: Vec<_> = distinct.into_par_iter().map(levels).collect();
+    uses.into_iter()
+        .map(|(number, sampling)| Texture::new(made[number].0.clone(), made[number].1, sampling))
+        .collect()
 }
 
 /// A number of the file as a finite `f32`.

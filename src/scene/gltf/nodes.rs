@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use super::Outcome;
-use super::json::{Document, Int, Node};
+use super::json::{Document, Node};
 
 /// The hierarchy, flattened.
 pub struct Nodes {
@@ -15,28 +15,32 @@ pub struct Nodes {
 
 impl Nodes {
     /// Composes all transforms. Refuses cycles and nodes with two parents, which glTF forbids.
-    pub fn new(document: &Document) -> Outcome<Self> {
+    ///
+    /// `scene` is the index of the scene to show, if the file has any; `scale` enlarges all of it.
+    pub fn new(document: &Document, scene: usize, scale: f64) -> Outcome<Self> {
         let nodes = &document.nodes;
         let parents = parents(nodes)?;
         let roots: Vec<usize> = (0..nodes.len()).filter(|&node| parents[node].is_none()).collect();
-        let order = descend(nodes, roots.clone());
+        let order = descend(nodes, roots.clone(), &|_| true);
         if order.len() < nodes.len() {
             return Err("its nodes form a cycle; export it again".into());
         }
         let mut world = vec![DMat4::IDENTITY; nodes.len()];
         for &node in &order {
             let local = local(&nodes[node]);
-            world[node] = parents[node].map_or(local, |parent| world[parent] * local);
+            let root = || DMat4::from_scale(DVec3::splat(scale)) * local;
+            world[node] = parents[node].map_or_else(root, |parent| world[parent] * local);
         }
-        let shown = match document.scenes.get(document.scene.unwrap_or(Int(0)).0) {
-            Some(scene) => {
-                let mut starts: Vec<usize> = scene.nodes.iter().map(|node| node.0).collect();
-                starts.sort_unstable();
-                starts.dedup();
-                descend(nodes, starts)
-            }
-            None => descend(nodes, roots),
+        let visible = |node: &Node| {
+            node.extensions.visibility.as_ref().and_then(|visibility| visibility.visible).unwrap_or(true)
         };
+        let mut starts: Vec<usize> = match document.scenes.get(scene) {
+            Some(scene) => scene.nodes.iter().map(|node| node.0).collect(),
+            None => roots,
+        };
+        starts.sort_unstable();
+        starts.dedup();
+        let shown = descend(nodes, starts, &visible);
         Ok(Nodes { world, shown })
     }
 }
@@ -53,14 +57,16 @@ fn parents(nodes: &[Node]) -> Outcome<Vec<Option<usize>>> {
     Ok(parents)
 }
 
-/// `starts` and all below them, each once, parents first; no recursion, so depth does not matter.
-fn descend(nodes: &[Node], starts: Vec<usize>) -> Vec<usize> {
+/// `starts` and all below them, each once, parents first, without what is not `wanted` and what is below that;
+/// no recursion, so depth does not matter.
+fn descend(nodes: &[Node], starts: Vec<usize>, wanted: &dyn Fn(&Node) -> bool) -> Vec<usize> {
     let mut seen = vec![false; nodes.len()];
     let mut order = starts;
+    order.retain(|&start| wanted(&nodes[start]));
     order.iter().for_each(|&start| seen[start] = true);
     let mut next = 0;
     while next < order.len() {
-        for child in &nodes[order[next]].children {
+        for child in nodes[order[next]].children.iter().filter(|child| wanted(&nodes[child.0])) {
             if !std::mem::replace(&mut seen[child.0], true) {
                 order.push(child.0);
             }

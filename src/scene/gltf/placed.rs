@@ -27,7 +27,11 @@ pub fn cameras(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>) -
                 ));
             }
             let world_from_eye = Pose::new(orientation(world), world.w_axis.truncate());
-            Some(Camera { name: camera.name.clone().unwrap_or_default(), world_from_eye, fov_y })
+            let up = world.y_axis.truncate().length();
+            let half_height = camera.orthographic.as_ref().map(|ortho| ortho.ymag.abs() * up);
+            let half_height = half_height.filter(|height| height.is_finite() && *height > 0.0);
+            let name = camera.name.clone().unwrap_or_default();
+            Some(Camera { name, world_from_eye, fov_y, half_height })
         })
         .collect()
 }

@@ -5,12 +5,12 @@ use std::collections::HashMap;
 use glam::DMat4;
 
 use super::Outcome;
+use super::buffers::Buffers;
+use super::instances;
 use super::json::{Document, Primitive};
 use super::nodes::Nodes;
 use super::triangulate::Mode;
-
-/// Triangles that a scene may have once all instances are placed.
-const MAX_TRIANGLES: usize = 100_000_000;
+use crate::scene::budget::Budget;
 
 /// A primitive in one state of morphing and skinning, and where it is shown.
 #[derive(Clone, Debug)]
@@ -28,15 +28,23 @@ pub struct Placement {
 }
 
 /// Everything that the scene's nodes show and that has triangles.
-pub fn placements(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>) -> Outcome<Vec<Placement>> {
+pub fn placements(
+    document: &Document,
+    buffers: &Buffers<'_>,
+    nodes: &Nodes,
+    budget: &Budget,
+    warnings: &mut Vec<String>,
+) -> Outcome<Vec<Placement>> {
     let mut list: Vec<Placement> = Vec::new();
     let mut known: HashMap<_, usize> = HashMap::new();
-    let (mut thin, mut without_positions, mut triangles) = (0_usize, 0_usize, 0_usize);
+    let (mut thin, mut without_positions) = (0_usize, 0_usize);
+    budget.plan_triangles(triangles(document, nodes))?;
     for &index in &nodes.shown {
         let node = &document.nodes[index];
         let Some(mesh) = node.mesh else { continue };
+        let worlds = worlds(document, buffers, nodes, index)?;
         for (i, primitive) in document.meshes[mesh.0].primitives.iter().enumerate() {
-            let Some(mode) = primitive.mode.map_or(Some(Mode::Triangles), |mode| Mode::new(mode.0)) else {
+            let Some(mode) = mode(primitive) else {
                 return Err(format!(
                     "primitive {i} of mesh {} has an unknown mode; export the scene again",
                     mesh.0
@@ -46,37 +54,25 @@ pub fn placements(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>
                 thin += 1;
                 continue;
             }
-            let Some(corners) = corner_count(document, primitive) else {
+            if !primitive.attributes.contains_key("POSITION") {
                 without_positions += 1;
                 continue;
-            };
-            triangles = triangles.saturating_add(mode.triangles(corners));
+            }
             let skin = node.skin.filter(|_| is_skinned(primitive)).map(|skin| skin.0);
             let weights_of = node.weights.as_ref().filter(|_| !primitive.targets.is_empty()).map(|_| index);
             let key = (mesh.0, i, skin, weights_of);
-            let world = nodes.world[index];
             match known.get(&key) {
                 // A skin places its vertices in the world by itself, so that a second node adds nothing.
-                Some(&at) if skin.is_none() => list[at].transforms.push(world),
+                Some(&at) if skin.is_none() => list[at].transforms.extend(&worlds),
                 Some(_) => {}
                 None => {
                     known.insert(key, list.len());
                     let weights = node.weights.as_ref().unwrap_or(&document.meshes[mesh.0].weights).clone();
-                    list.push(Placement {
-                        mesh: mesh.0,
-                        primitive: i,
-                        skin,
-                        weights,
-                        transforms: vec![world],
-                    });
+                    let transforms = worlds.clone();
+                    list.push(Placement { mesh: mesh.0, primitive: i, skin, weights, transforms });
                 }
             }
         }
-    }
-    if triangles > MAX_TRIANGLES {
-        return Err(format!(
-            "its instances have {triangles} triangles together, but at most {MAX_TRIANGLES} are supported; show less of it"
-        ));
     }
     if thin > 0 {
         warnings.push(format!(
@@ -89,10 +85,36 @@ pub fn placements(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>
     Ok(list)
 }
 
-/// Number of corners to make triangles of; `None` without positions.
-fn corner_count(document: &Document, primitive: &Primitive) -> Option<usize> {
-    let positions = primitive.attributes.get("POSITION")?;
-    Some(document.accessors[primitive.indices.unwrap_or(*positions).0].count.0)
+/// `world_from_mesh` of all instances that a node shows.
+fn worlds(document: &Document, buffers: &Buffers<'_>, nodes: &Nodes, node: usize) -> Outcome<Vec<DMat4>> {
+    let world = nodes.world[node];
+    let Some(instances) = &document.nodes[node].extensions.instances else { return Ok(vec![world]) };
+    let places = instances::transforms(document, buffers, node, instances)?;
+    Ok(places.into_iter().map(|place| world * place).collect())
+}
+
+/// Triangles of all instances.
+fn triangles(document: &Document, nodes: &Nodes) -> u64 {
+    let of_node = |&index: &usize| {
+        let node = &document.nodes[index];
+        let copies = node.extensions.instances.as_ref().map_or(1, |i| instances::count(document, i));
+        let primitives = node.mesh.iter().flat_map(|mesh| &document.meshes[mesh.0].primitives);
+        let once: usize =
+            primitives.map(|primitive| once(document, primitive)).fold(0, usize::saturating_add);
+        once.saturating_mul(copies) as u64
+    };
+    nodes.shown.iter().map(of_node).fold(0, u64::saturating_add)
+}
+
+/// Triangles of a primitive.
+fn once(document: &Document, primitive: &Primitive) -> usize {
+    let Some(positions) = primitive.attributes.get("POSITION") else { return 0 };
+    let corners = document.accessors[primitive.indices.unwrap_or(*positions).0].count.0;
+    mode(primitive).map_or(0, |mode| mode.triangles(corners))
+}
+
+fn mode(primitive: &Primitive) -> Option<Mode> {
+    primitive.mode.map_or(Some(Mode::Triangles), |mode| Mode::new(mode.0))
 }
 
 fn is_skinned(primitive: &Primitive) -> bool {

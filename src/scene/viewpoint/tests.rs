@@ -62,7 +62,37 @@ fn forward(viewpoint: Viewpoint) -> DVec3 {
 }
 
 fn camera(name: &str, x: f64, fov_y: Option<f64>) -> Camera {
-    Camera { name: name.into(), world_from_eye: Pose { position: DVec3::X * x, ..Pose::IDENTITY }, fov_y }
+    let world_from_eye = Pose { position: DVec3::X * x, ..Pose::IDENTITY };
+    Camera { name: name.into(), world_from_eye, fov_y, half_height: None }
+}
+
+#[test]
+fn a_thing_on_an_open_floor_is_in_sight() {
+    let mut scene = Scene::default();
+    slab(&mut scene, [-6.0, -6.0], [6.0, 6.0], -1.0, true);
+    block(&mut scene, [-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]);
+    let found = default_viewpoint(&scene, 70.0);
+    let to_thing = (scene.anchor - found.world_from_eye.position).normalize();
+    assert!(forward(found).dot(to_thing) > 0.9, "{found:?}");
+}
+
+#[test]
+fn the_camera_that_is_asked_for_comes_before_all() {
+    let mut scene = courtyard();
+    scene.cameras = vec![camera("viewer", 1.0, Some(0.7)), camera("b", 2.0, Some(0.8))];
+    scene.camera = Some(1);
+    assert_eq!(default_viewpoint(&scene, 70.0).world_from_eye.position.x, 2.0);
+}
+
+#[test]
+fn an_orthographic_camera_is_seen_through_from_far_away() {
+    let mut scene = courtyard();
+    scene.cameras = vec![Camera { half_height: Some(2.0), ..camera("flat", 1.0, None) }];
+    let found = default_viewpoint(&scene, 70.0);
+    let away = found.world_from_eye.position - DVec3::X;
+    assert!(away.truncate().length() < 1e-9 && away.z > 0.0, "{away}");
+    // Its frame, where the camera was, fills the picture.
+    assert!((away.z * (found.fov_y * 0.5).tan() - 2.0).abs() < 1e-9);
 }
 
 #[test]

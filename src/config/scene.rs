@@ -1,0 +1,46 @@
+//! What is shown of a scene's file, where it offers a choice.
+
+use serde::{Deserialize, Serialize};
+
+use super::range;
+use crate::error::Result;
+use crate::scene::{LoadOptions, Progress};
+
+/// A choice among what a scene's file holds; `foveate scene info` lists it. Empty names leave it to the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneConfig {
+    /// The scene, by name or by number from 0.
+    pub name: String,
+    /// The camera that views start from, by name or by number from 0.
+    pub camera: String,
+    /// The variant of materials, by name or by number from 0.
+    pub variant: String,
+    /// Metres that a unit of the file is.
+    pub scale: f64,
+}
+
+impl Default for SceneConfig {
+    fn default() -> Self {
+        SceneConfig { name: String::new(), camera: String::new(), variant: String::new(), scale: 1.0 }
+    }
+}
+
+impl SceneConfig {
+    pub(super) fn check(&self) -> Result<()> {
+        range("scene.scale", self.scale, 1e-9, 1e9)
+    }
+
+    /// How a file is loaded with these choices; `progress` is told how far that is.
+    pub fn load_options(&self, progress: Progress) -> LoadOptions {
+        let given = |name: &String| (!name.is_empty()).then(|| name.clone());
+        LoadOptions {
+            scene: given(&self.name),
+            camera: given(&self.camera),
+            variant: given(&self.variant),
+            scale: self.scale,
+            progress,
+            ..LoadOptions::default()
+        }
+    }
+}
