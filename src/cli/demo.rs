@@ -6,7 +6,7 @@ use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
 use super::options::{Options, RenderOptions, keep_up};
 use super::output;
-use super::run::{Presentation, stop_signal};
+use super::run::{Presentation, Watchdog, stop_signal, takes_insets};
 use super::window::Show;
 use crate::config::{Config, Layers};
 use crate::error::{Error, Result};
@@ -80,8 +80,12 @@ pub fn run(args: &Args) -> Result<()> {
     }
     args.scene.as_deref().map_or(Ok(()), Scene::check)?;
     check_out(&args.out)?;
-    if let Ok(runtime) = Runtime::connect(config.headset.insets) {
-        return in_headset(args, &displayed, &notes, runtime);
+    match Runtime::connect(takes_insets(&config)) {
+        Ok(runtime) => return in_headset(args, &displayed, &notes, runtime),
+        Err(absent) => {
+            let why = absent.sentence();
+            output::print_warnings(&[format!("a mock headset stands in for a real one: {why}")]);
+        }
     }
     let (machine, loaded) =
         rayon::join(|| Machine::open(&config.devices), || load(args.scene.as_deref(), &config));
@@ -104,6 +108,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// The same scene in a headset, until the wearer or the operator has seen enough.
 fn in_headset(args: &Args, config: &Config, notes: &[String], runtime: Runtime) -> Result<()> {
     let stop = stop_signal()?;
+    let watch = Watchdog::start(stop.clone(), args.options.json);
     let loaded = load(args.scene.as_deref(), config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(notes);
@@ -117,7 +122,8 @@ fn in_headset(args: &Args, config: &Config, notes: &[String], runtime: Runtime) 
         size: [width.map(|both| both.div_ceil(2)), height],
         frames: None,
         quiet: args.options.config.json,
+        waits: false,
         stop,
     };
-    presentation.run(runtime)?.print(args.options.config.json)
+    presentation.run(runtime, &watch)
 }

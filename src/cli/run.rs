@@ -1,25 +1,29 @@
 //! `foveate run`: a scene in the headset of the active OpenXR runtime.
 
+mod frames;
 mod keys;
 mod present;
 mod stats;
 mod terminal;
+mod watchdog;
 mod wearer;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use super::mock::stereo_defaults;
 use super::options::{Options, RenderOptions};
 use super::output;
-use crate::config::Layers;
+use crate::config::{Config, Layers, Stereo};
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::openxr::{Fault, Runtime};
 use crate::scene::Scene;
 
 pub use present::Presentation;
+pub use watchdog::Watchdog;
 
 /// Arguments of `foveate run`.
 #[derive(Debug, clap::Args)]
@@ -29,6 +33,9 @@ pub struct Args {
     /// End after this many pictures; otherwise Ctrl-C, or the runtime's own menu, ends.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
+    /// Wait for a runtime or a headset that is not there yet, or fails again and again.
+    #[arg(long)]
+    wait: bool,
     #[command(flatten)]
     pub(super) options: RenderOptions,
 }
@@ -39,7 +46,15 @@ pub fn run(args: &Args) -> Result<()> {
     Scene::check(&args.scene)?;
     let stop = stop_signal()?;
     // Whether there is a headset is known at once, and a scene may take long.
-    let runtime = Runtime::connect(config.headset.insets).map_err(Fault::into_error)?;
+    let watch = Watchdog::start(stop.clone(), args.options.config.json);
+    watch.asks();
+    let insets = takes_insets(&config);
+    let runtime = match args.wait {
+        true => present::find(insets, &stop),
+        false => Some(Runtime::connect(insets).map_err(Fault::into_error)?),
+    };
+    watch.works();
+    let Some(runtime) = runtime else { return Ok(()) };
     let loaded = Loaded::from_file(&args.scene, &config)?;
     super::render::require_triangles(&args.scene, &loaded)?;
     output::print_warnings(&loaded.warnings);
@@ -55,17 +70,29 @@ pub fn run(args: &Args) -> Result<()> {
         size: [width.map(|both| both.div_ceil(2)), height],
         frames: args.frames,
         quiet: args.options.config.json,
+        waits: args.wait,
         stop,
     };
-    presentation.run(runtime)?.print(args.options.config.json)
+    presentation.run(runtime, &watch)
 }
+
+/// Whether a headset that has a sharp inset for each eye gets four views: one view cannot serve them all.
+pub fn takes_insets(config: &Config) -> bool {
+    config.headset.insets && config.view.stereo == Stereo::PerEye
+}
+
+/// Signals that come so soon after the first are the same wish: some senders signal a program and its group.
+const ONE_WISH: Duration = Duration::from_millis(300);
 
 /// Becomes true when the operator wants to leave: Ctrl-C or a signal to end. The second one ends at once.
 pub fn stop_signal() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let asked = stop.clone();
+    let mut first = None;
     let handler = move || {
-        if asked.swap(true, Ordering::Relaxed) {
+        let first = *first.get_or_insert_with(Instant::now);
+        if asked.swap(true, Ordering::Relaxed) && first.elapsed() > ONE_WISH {
+            watchdog::leave_now();
             terminal::restore();
             std::process::exit(130);
         }

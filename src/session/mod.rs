@@ -1,5 +1,7 @@
 //! What makes frames for a headset, whatever headset that is.
 
 mod pace;
+mod traced;
 
 pub use pace::{Ages, Asking, Pace};
+pub use traced::{Part, Sharp, Traced};

@@ -208,3 +208,15 @@ fn a_plain_runtime_of_1_0_is_enough() {
     let Some(run) = run(&script, 6, "--set headset.refresh_hz=52") else { return };
     assert_eq!(run.is_clean().told()["frames"], 6);
 }
+
+#[test]
+fn the_floor_of_the_room_is_the_ground_of_the_scene() {
+    // The test scene's ground is at 0, and whoever is not asked about their height begins at 1.6 m.
+    for (eye_height, more, height) in [(1.2, "", 1.2), (1.9, "", 1.9), (9.0, "", 1.6)] {
+        let script = Script { eye_height, ..Script::default() };
+        let Some(run) = run(&script, 4, more) else { return };
+        let told = run.is_clean().told();
+        let seen = told["views"][0]["position"][1].as_f64().unwrap();
+        assert!((seen - height).abs() < 1e-3, "eyes at {seen}, not at {height}");
+    }
+}

@@ -61,3 +61,16 @@ fn a_runtime_that_is_slow_is_waited_for() {
     assert_eq!((told["frames"].as_u64(), told["losses"].as_u64()), (Some(10), Some(0)), "{told}");
     assert!(told["dropped"].as_u64().unwrap() > 0, "the display went on meanwhile: {told}");
 }
+
+#[test]
+fn frames_that_nobody_sees_come_no_faster_than_the_display_shows_some() {
+    let hidden = FrameRule { should_render: Some(false), at_once: true, ..rule(3, 60) };
+    let Some(run) = run(&with_frames(vec![hidden]), 4, "") else { return };
+    let frames = run.frames();
+    let ended = |number: u64| {
+        let frame = frames.iter().find(|frame| frame.0["frame"] == number).unwrap();
+        frame.0["ns"].as_i64().unwrap()
+    };
+    // The display's period is 10 ms.
+    assert!(ended(60) - ended(4) > 56 * 7_000_000, "{} ns for 56 frames", ended(60) - ended(4));
+}

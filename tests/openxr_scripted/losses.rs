@@ -100,7 +100,9 @@ fn a_runtime_that_never_works_ends_in_one_sentence() {
     ] {
         let script = Script { faults: vec![never(call, result)], ..Script::default() };
         let Some(run) = run(&script, 5, "") else { return };
-        assert_eq!((run.code, run.out.as_str()), (Some(1), ""), "{call}: {}", run.said);
+        assert_eq!(run.code, Some(1), "{call}: {}", run.said);
+        // What was done is told as soon as there was a session.
+        assert!(run.out.is_empty() || run.told()["frames"] == 0, "{call}: {}", run.out);
         let last = run.said.trim_end().lines().last().unwrap();
         let told: serde_json::Value = serde_json::from_str(last).unwrap_or_default();
         let message = told["error"]["message"].as_str().unwrap_or_default();

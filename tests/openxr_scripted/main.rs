@@ -8,11 +8,14 @@ mod budget;
 mod cycles;
 mod depth;
 mod extras;
+mod faults;
 mod frames;
+mod hangs;
 #[cfg(unix)]
 mod keyboard;
 mod losses;
 mod moments;
+mod pictures;
 mod states;
 mod views;
 

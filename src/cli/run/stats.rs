@@ -34,7 +34,7 @@ pub struct Stats {
     pub frames: u64,
     /// Of these, handed over before they were to be shown.
     pub on_time: u64,
-    /// Display periods without a new picture, of sessions that have ended.
+    /// Display periods without a new picture.
     pub dropped: u64,
     /// Sessions and runtimes lost.
     pub losses: u32,
@@ -101,6 +101,65 @@ impl Stats {
             held.map(|(shown, target)| f64::from(u8::from(shown.report.frame_ms <= target))).collect();
         let share = within.iter().sum::<f64>() / within.len() as f64;
         Some(Budget { first: self.first_held?, last, within: Some(share).filter(|share| share.is_finite()) })
+    }
+}
+
+/// What a run has done so far.
+#[derive(Default)]
+pub struct Report {
+    /// Counts and times.
+    pub stats: Stats,
+    /// What the last session was like.
+    pub told: Told,
+}
+
+/// What a session is like.
+#[derive(Default)]
+pub struct Told {
+    /// The runtime's name and version.
+    pub runtime: String,
+    /// The views of the last picture.
+    pub views: Vec<ViewSummary>,
+    /// The images' format.
+    pub format: String,
+    /// That of their depths.
+    pub depth_format: Option<String>,
+    /// How samples come to the presenting device.
+    pub sharing: String,
+    /// The tracing device.
+    pub device: String,
+    /// The presenting one.
+    pub presenting_device: String,
+}
+
+impl Report {
+    /// Whether there was a session.
+    pub fn has_session(&self) -> bool {
+        !self.told.runtime.is_empty()
+    }
+
+    /// What is told at the end.
+    pub fn summary(&self) -> Summary {
+        let Report { stats, told } = self;
+        Summary {
+            frames: stats.frames,
+            on_time: stats.on_time,
+            dropped: stats.dropped,
+            frame_ms: stats.times(|shown| shown.frame_ms),
+            pose_ms: stats.times(|shown| shown.pose_ms),
+            pose_age_ms: stats.ages(),
+            stage_ms: stats.stages(),
+            runtime: told.runtime.clone(),
+            views: told.views.clone(),
+            format: told.format.clone(),
+            depth_format: told.depth_format.clone(),
+            samples: stats.samples(),
+            budget: stats.budget(),
+            sharing: told.sharing.clone(),
+            device: told.device.clone(),
+            presenting_device: told.presenting_device.clone(),
+            losses: stats.losses,
+        }
     }
 }
 

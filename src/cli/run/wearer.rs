@@ -12,6 +12,7 @@ use crate::headset::openxr::{EyeView, Gaze, HiddenMesh};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::scene::{Scene, pick};
+use crate::session::Sharp;
 
 /// How far the gaze moves, in 0..1 of the image, before the pattern follows it: patterns cost time.
 const STEADY: f64 = 0.01;
@@ -50,15 +51,6 @@ struct Look {
 /// A mask is made anew when one of these changes.
 type MaskKey = (u64, FieldOfView, u32, u32);
 
-/// Where a view is sharp.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sharp {
-    /// In 0..1 of the view.
-    pub point: DVec2,
-    /// Factor for the width of the region of full density.
-    pub widening: f64,
-}
-
 impl Wearer {
     /// Stands at a pose of the scene, upright, as the settings let them move.
     pub fn new(rest: Pose, scene: &Scene, config: &HeadsetConfig) -> Self {
@@ -80,6 +72,15 @@ impl Wearer {
             looks: Vec::new(),
             time: None,
         }
+    }
+
+    /// The tracked space's origin is so many metres above the room's floor, which becomes the scene's ground
+    /// below the wearer: whoever crouches, or is tall, is so in the scene.
+    pub fn stand(&mut self, height: f64) {
+        let rise = height - self.height;
+        self.height = height;
+        self.rest.position.y += rise;
+        self.walker.rise(rise);
     }
 
     /// Moves as hands and keys say until a time, in nanoseconds.
@@ -208,6 +209,23 @@ mod tests {
             at(&mut look, ms, false);
         }
         assert!((at(&mut look, 2000, false).point - view().optical_centre()).length() < STEADY);
+    }
+
+    #[test]
+    fn the_floor_of_the_room_is_the_ground_of_the_scene() {
+        let glb = crate::scene::generate::demo::generate();
+        let scene = Scene::from_glb(std::path::Path::new("demo"), &glb).unwrap();
+        let start = Pose::new(DQuat::IDENTITY, DVec3::new(0.0, 1.6, 0.0));
+        let mut wearer = Wearer::new(start, &scene, &crate::config::Config::default().headset);
+        let below = wearer.rest.position.y - wearer.height;
+        let ground = |wearer: &Wearer, height: f64| {
+            wearer.in_scene(Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -height, 0.0))).position.y
+        };
+        for height in [1.2, 1.75, 0.9] {
+            wearer.stand(height);
+            assert!((ground(&wearer, height) - below).abs() < 1e-9);
+            assert!((wearer.rest.position.y - height - below).abs() < 1e-9);
+        }
     }
 
     #[test]

@@ -9,21 +9,23 @@ use crate::headset::locomotion::Hands;
 
 /// Controllers, with where each action is found on them: to go, to turn, to teleport, to point.
 /// Paths are those of the OpenXR specification's interaction profiles.
-const CONTROLLERS: [(&str, [&str; 4]); 6] = [
+const CONTROLLERS: [(&str, [&str; 4]); 14] = [
+    ("valve/index_controller", STICKS),
+    ("oculus/touch_controller", STICKS),
+    ("meta/touch_plus_controller", STICKS),
+    ("meta/touch_controller_plus", STICKS),
+    ("meta/touch_pro_controller", STICKS),
+    ("facebook/touch_controller_pro", STICKS),
+    ("hp/mixed_reality_controller", STICKS),
+    ("htc/vive_cosmos_controller", STICKS),
+    ("htc/vive_focus3_controller", STICKS),
+    ("bytedance/pico4_controller", STICKS),
     (
-        "/interaction_profiles/valve/index_controller",
-        ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"],
-    ),
-    (
-        "/interaction_profiles/oculus/touch_controller",
-        ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"],
-    ),
-    (
-        "/interaction_profiles/htc/vive_controller",
+        "htc/vive_controller",
         ["left/input/trackpad", "right/input/trackpad", "right/input/trigger/value", "right/input/aim/pose"],
     ),
     (
-        "/interaction_profiles/microsoft/motion_controller",
+        "microsoft/motion_controller",
         [
             "left/input/thumbstick",
             "right/input/thumbstick",
@@ -31,15 +33,24 @@ const CONTROLLERS: [(&str, [&str; 4]); 6] = [
             "right/input/aim/pose",
         ],
     ),
-    (
-        "/interaction_profiles/bytedance/pico4_controller",
-        ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"],
-    ),
-    (
-        "/interaction_profiles/khr/simple_controller",
-        ["", "", "right/input/select/click", "right/input/aim/pose"],
-    ),
+    ("ext/hand_interaction_ext", ["", "", "right/input/pinch_ext/value", "right/input/aim/pose"]),
+    ("khr/simple_controller", ["", "", "right/input/select/click", "right/input/aim/pose"]),
 ];
+
+/// Where controllers with sticks and a button A have them.
+const STICKS: [&str; 4] =
+    ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"];
+
+/// Whether a profile may be named: some have names of their own in an extension, and in OpenXR 1.1 another.
+fn is_enabled(instance: &xr::Instance, profile: &str) -> bool {
+    let extensions = instance.exts();
+    match profile {
+        "meta/touch_controller_plus" => extensions.meta_touch_controller_plus.is_some(),
+        "facebook/touch_controller_pro" => extensions.fb_touch_controller_pro.is_some(),
+        "ext/hand_interaction_ext" => extensions.ext_hand_interaction.is_some(),
+        _ => true,
+    }
+}
 
 /// The actions of a session.
 pub struct Actions {
@@ -65,7 +76,7 @@ impl Actions {
         let turn = set.create_action("turn", "Turn", &[]).called("xrCreateAction")?;
         let teleport = set.create_action("teleport", "Teleport", &[]).called("xrCreateAction")?;
         let aim = set.create_action("aim", "Point", &[]).called("xrCreateAction")?;
-        for (profile, paths) in CONTROLLERS {
+        for (profile, paths) in CONTROLLERS.into_iter().filter(|(name, _)| is_enabled(instance, name)) {
             let path = |index: usize| {
                 let path: &str = paths[index];
                 (!path.is_empty())
@@ -81,7 +92,7 @@ impl Actions {
             .into_iter()
             .flatten()
             .collect();
-            if let Ok(profile) = instance.string_to_path(profile) {
+            if let Ok(profile) = instance.string_to_path(&format!("/interaction_profiles/{profile}")) {
                 // A profile that the runtime does not know is none that its wearer holds.
                 let _ = instance.suggest_interaction_profile_bindings(profile, &bindings);
             }

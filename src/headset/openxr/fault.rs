@@ -1,4 +1,11 @@
-//! What goes wrong behind OpenXR, by what has to be built anew.
+//! What goes wrong behind OpenXR, and what is done about it: the one place that says so.
+//!
+//! | what | remedy |
+//! | --- | --- |
+//! | views that cannot be located, hands and eyes that cannot be asked, a format that is refused | goes on without, and tries again |
+//! | a session that is lost, and any other code while it runs | a new session |
+//! | a runtime that is lost or fails, a headset that is away | a new instance, as soon as there is one |
+//! | a remedy that has not helped for several times in a row | the next one; after the last the program ends with the reason |
 
 use openxr::sys;
 
@@ -10,6 +17,8 @@ pub type Outcome<T> = std::result::Result<T, Fault>;
 /// Why a call failed.
 #[derive(Debug)]
 pub enum Fault {
+    /// What was asked for is not to be had now: goes on without it, and asks again.
+    Passing(String),
     /// The session is gone: a new one goes on.
     Session(String),
     /// The runtime is gone: everything that came from it is built anew once it answers again.
@@ -24,28 +33,55 @@ impl From<Error> for Fault {
     }
 }
 
+/// Calls that frames, or sessions, can do without.
+const DISPENSABLE: [&str; 14] = [
+    "xrLocateViews",
+    "xrLocateSpace",
+    "xrSyncActions",
+    "xrGetActionStatePose",
+    "xrGetActionStateBoolean",
+    "xrGetActionStateVector2f",
+    "xrCreateActionSet",
+    "xrCreateAction",
+    "xrCreateActionSpace",
+    "xrAttachSessionActionSets",
+    "xrStringToPath",
+    "xrGetVisibilityMaskKHR",
+    "xrCreateSwapchain",
+    "xrRequestExitSession",
+];
+
+/// Calls that come before there is a session.
+const BEFORE_SESSIONS: [&str; 11] = [
+    "xrCreateInstance",
+    "xrGetInstanceProperties",
+    "xrGetSystem",
+    "xrEnumerateViewConfigurations",
+    "xrEnumerateViewConfigurationViews",
+    "xrEnumerateEnvironmentBlendModes",
+    "xrGetVulkanGraphicsRequirements2KHR",
+    "xrCreateVulkanInstanceKHR",
+    "xrGetVulkanGraphicsDevice2KHR",
+    "xrCreateVulkanDeviceKHR",
+    "xrPollEvent",
+];
+
 impl Fault {
     /// The fault behind a code that a call named `what` has returned.
     pub(super) fn of(what: &str, code: sys::Result) -> Fault {
-        let problem = format!("{what} failed ({code:?}); {NEXT}");
+        let problem = format!("{what} failed ({code:?})");
+        let next = |problem: String| format!("{problem}; {NEXT}");
         match code {
-            sys::Result::ERROR_INSTANCE_LOST
-            | sys::Result::ERROR_RUNTIME_FAILURE
+            sys::Result::ERROR_INSTANCE_LOST => Fault::Instance(next(problem)),
+            sys::Result::ERROR_SESSION_LOST => Fault::Session(next(problem)),
+            _ if DISPENSABLE.contains(&what) => Fault::Passing(problem),
+            _ if BEFORE_SESSIONS.contains(&what) => Fault::Instance(next(problem)),
+            sys::Result::ERROR_RUNTIME_FAILURE
             | sys::Result::ERROR_RUNTIME_UNAVAILABLE
-            | sys::Result::ERROR_INITIALIZATION_FAILED => Fault::Instance(problem),
-            sys::Result::ERROR_SESSION_LOST
+            | sys::Result::ERROR_INITIALIZATION_FAILED
             | sys::Result::ERROR_FORM_FACTOR_UNAVAILABLE
-            | sys::Result::ERROR_SYSTEM_INVALID => Fault::Session(problem),
-            _ => Fault::Fatal(Error::Device { device: "the OpenXR runtime".into(), problem }),
-        }
-    }
-
-    /// The same where a new session may mend it: swapchains and layers that are refused are made anew with
-    /// it.
-    pub(super) fn spoilt(self) -> Fault {
-        match self {
-            Fault::Fatal(error) => Fault::Session(error.to_string()),
-            lost => lost,
+            | sys::Result::ERROR_SYSTEM_INVALID => Fault::Instance(next(problem)),
+            _ => Fault::Session(next(problem)),
         }
     }
 
@@ -53,6 +89,7 @@ impl Fault {
     pub fn sentence(&self) -> String {
         match self {
             Fault::Fatal(error) => error.to_string(),
+            Fault::Passing(problem) => format!("{problem}; {NEXT}"),
             Fault::Session(problem) | Fault::Instance(problem) => problem.clone(),
         }
     }
@@ -61,12 +98,12 @@ impl Fault {
     pub fn into_error(self) -> Error {
         match self {
             Fault::Fatal(error) => error,
-            Fault::Session(problem) | Fault::Instance(problem) => Error::NoDevice { kind: "OpenXR", problem },
+            lost => Error::NoDevice { kind: "OpenXR", problem: lost.sentence() },
         }
     }
 }
 
-const NEXT: &str = "look at its own window or log, and start it again";
+const NEXT: &str = "look at the OpenXR runtime's window or log, and start it again";
 
 /// Names the call that a result came from.
 pub(super) trait Called<T> {
@@ -77,5 +114,68 @@ pub(super) trait Called<T> {
 impl<T> Called<T> for Result<T, sys::Result> {
     fn called(self, what: &str) -> Outcome<T> {
         self.map_err(|code| Fault::of(what, code))
+    }
+}
+
+/// What is told of faults that pass: each once.
+#[derive(Debug, Default)]
+pub(super) struct Notes {
+    told: std::collections::BTreeSet<String>,
+    new: Vec<String>,
+}
+
+impl Notes {
+    /// Takes an outcome; what passes is noted with what is done `instead`, and is nothing.
+    pub fn or_without<T>(&mut self, outcome: Outcome<T>, instead: &str) -> Outcome<Option<T>> {
+        match outcome {
+            Ok(value) => Ok(Some(value)),
+            Err(Fault::Passing(problem)) => {
+                self.note(format!("{problem}: {instead}"));
+                Ok(None)
+            }
+            Err(lost) => Err(lost),
+        }
+    }
+
+    /// Notes a sentence, unless it was told before.
+    pub fn note(&mut self, sentence: String) {
+        if self.told.insert(sentence.clone()) {
+            self.new.push(sentence);
+        }
+    }
+
+    /// What has not been told yet.
+    pub fn take(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.new)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_code_of_any_call_ends_the_program_at_once() {
+        let calls = DISPENSABLE.iter().chain(&BEFORE_SESSIONS).chain(&["xrWaitFrame", "xrEndFrame"]);
+        for call in calls {
+            for code in (-60..0).map(sys::Result::from_raw) {
+                let fault = Fault::of(call, code);
+                assert!(!matches!(fault, Fault::Fatal(_)), "{call} {code:?}");
+                assert!(fault.sentence().starts_with(call) && fault.sentence().ends_with(NEXT));
+                let lost = code == sys::Result::ERROR_INSTANCE_LOST;
+                assert!(!lost || matches!(fault, Fault::Instance(_)), "{call}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_passes_is_told_once() {
+        let mut notes = Notes::default();
+        for _ in 0..3 {
+            let refused = Fault::of("xrSyncActions", sys::Result::ERROR_VALIDATION_FAILURE);
+            assert!(notes.or_without::<()>(Err(refused), "hands are not asked").unwrap().is_none());
+        }
+        assert_eq!(notes.take().len(), 1);
+        assert!(notes.or_without(Ok(1), "").unwrap() == Some(1) && notes.take().is_empty());
     }
 }

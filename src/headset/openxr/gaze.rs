@@ -19,6 +19,13 @@ pub struct Gaze {
     pub valid: bool,
 }
 
+impl Gaze {
+    /// Eyes that are not seen at a time.
+    pub fn unseen(time: i64) -> Self {
+        Gaze { time, direction: DVec3::NEG_Z, valid: false }
+    }
+}
+
 /// The eye tracker of a session.
 pub struct EyeTracker {
     set: xr::ActionSet,
@@ -75,7 +82,7 @@ impl EyeTracker {
     /// # Errors
     /// Where session or runtime are lost.
     pub fn look(&self, session: &xr::Session<xr::Vulkan>, base: &xr::Space, time: xr::Time) -> Outcome<Gaze> {
-        let unseen = Gaze { time: time.as_nanos(), direction: DVec3::NEG_Z, valid: false };
+        let unseen = Gaze::unseen(time.as_nanos());
         if !self.action.is_active(session, xr::Path::NULL).called("xrGetActionStatePose")? {
             return Ok(unseen);
         }

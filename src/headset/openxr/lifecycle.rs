@@ -47,6 +47,26 @@ impl Lifecycle {
     }
 }
 
+/// Why nothing is shown in a state, where views were located or not.
+pub fn why_dark(state: SessionState, located: bool) -> &'static str {
+    match state {
+        SessionState::UNKNOWN | SessionState::IDLE => {
+            "the runtime has not made the session ready: put the headset on, or look at its own window"
+        }
+        SessionState::READY | SessionState::SYNCHRONIZED => {
+            "the runtime shows no pictures of this program: end the other one, or close the runtime's menu"
+        }
+        SessionState::VISIBLE | SessionState::FOCUSED if located => {
+            "the runtime wants no pictures now: put the headset on"
+        }
+        SessionState::VISIBLE | SessionState::FOCUSED => {
+            "the runtime tells no views that can be shown: its fields of view are empty or too wide, or the \
+             headset is not tracked"
+        }
+        _ => "the runtime is about to end the session",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

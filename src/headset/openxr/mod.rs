@@ -4,15 +4,18 @@
 //! presents. [`Session`] follows the runtime's states, paces frames and hands out swapchain images to
 //! draw into. What is lost on the way is a [`Fault`], which says what has to be built anew.
 
+mod absent;
 mod actions;
 mod clock;
 mod convert;
 mod extras;
 mod fault;
+mod floor;
 mod gaze;
 mod lifecycle;
 mod runtime;
 mod session;
+mod setup;
 mod swapchain;
 mod visibility;
 mod vulkan;
@@ -25,3 +28,4 @@ pub use runtime::Runtime;
 pub use session::{EyeView, Frame, Next, Options, Session};
 pub use swapchain::Formats;
 pub use visibility::HiddenMesh;
+pub use waiter::settled;

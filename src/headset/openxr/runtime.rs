@@ -4,7 +4,7 @@
 use openxr as xr;
 
 use super::fault::{Called, Fault, Outcome};
-use super::vulkan;
+use super::{absent, vulkan, waiter};
 use crate::error::Error;
 use crate::gpu::vulkan::Context;
 
@@ -27,11 +27,14 @@ impl Runtime {
     /// Connects to the active runtime.
     ///
     /// # Errors
-    /// [`Fault::Fatal`] with the next step where there is no loader, no runtime, or one without Vulkan;
-    /// [`Fault::Instance`] where it does not answer, [`Fault::Session`] where it has no headset now.
+    /// [`Fault::Fatal`] with the next step where there is no loader, or a runtime without Vulkan;
+    /// [`Fault::Instance`] where there is no runtime, it does not answer, or has no headset now.
     ///
     /// With `insets`, a headset that has a sharp inset for each eye gets four views.
     pub fn connect(insets: bool) -> Outcome<Runtime> {
+        if !waiter::settled() {
+            return Err(Fault::Instance("xrWaitFrame of the last session has not returned yet".into()));
+        }
         // SAFETY: the library of this name is the system's OpenXR loader, which is trusted.
         let entry = unsafe { xr::Entry::load(&()) }.map_err(|_| {
             missing("the OpenXR loader is not installed; install libopenxr-loader1, and SteamVR or Monado")
@@ -46,7 +49,7 @@ impl Runtime {
         let name = format!("{} {}", properties.runtime_name, properties.runtime_version);
         let system = instance.system(xr::FormFactor::HEAD_MOUNTED_DISPLAY).map_err(|code| match code {
             xr::sys::Result::ERROR_FORM_FACTOR_UNAVAILABLE => {
-                Fault::Session(format!("{name} finds no headset; plug it in and switch it on"))
+                Fault::Instance(format!("{name} finds no headset; plug it in and switch it on"))
             }
             code => Fault::of("xrGetSystem", code),
         })?;
@@ -56,10 +59,10 @@ impl Runtime {
             .called("xrEnumerateViewConfigurationViews")?;
         let blend = instance
             .enumerate_environment_blend_modes(system, views)
-            .called("xrEnumerateEnvironmentBlendModes")?
-            .first()
-            .copied()
-            .unwrap_or(xr::EnvironmentBlendMode::OPAQUE);
+            .called("xrEnumerateEnvironmentBlendModes")?;
+        // Opaque where that is offered, else what the runtime likes best.
+        let opaque = xr::EnvironmentBlendMode::OPAQUE;
+        let blend = blend.iter().find(|mode| **mode == opaque).or(blend.first()).copied().unwrap_or(opaque);
         let takes_depth = extensions.khr_composition_layer_depth;
         Ok(Runtime { instance, system, views, sizes, blend, takes_depth, name })
     }
@@ -82,12 +85,9 @@ fn missing(problem: &str) -> Fault {
     Error::NoDevice { kind: "OpenXR", problem: problem.into() }.into()
 }
 
-/// No runtime is installed, or it cannot be reached.
+/// No runtime is installed, or it cannot be reached: it may come.
 fn unanswered(code: xr::sys::Result) -> Fault {
-    if code == xr::sys::Result::ERROR_RUNTIME_UNAVAILABLE {
-        return missing("no runtime is active; install SteamVR or Monado and make it the active one");
-    }
-    Fault::Instance(format!("the active runtime does not answer ({code:?}); start SteamVR or monado-service"))
+    Fault::Instance(absent::why(code))
 }
 
 /// Of the extensions that are offered, those that this program uses.
@@ -101,6 +101,15 @@ fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
     wanted.ext_performance_settings = offered.ext_performance_settings;
     wanted.fb_display_refresh_rate = offered.fb_display_refresh_rate;
     wanted.varjo_quad_views = offered.varjo_quad_views;
+    wanted.ext_local_floor = offered.ext_local_floor;
+    // Controllers that were no part of OpenXR 1.0.
+    wanted.bd_controller_interaction = offered.bd_controller_interaction;
+    wanted.ext_hand_interaction = offered.ext_hand_interaction;
+    wanted.ext_hp_mixed_reality_controller = offered.ext_hp_mixed_reality_controller;
+    wanted.fb_touch_controller_pro = offered.fb_touch_controller_pro;
+    wanted.htc_vive_cosmos_controller_interaction = offered.htc_vive_cosmos_controller_interaction;
+    wanted.htc_vive_focus3_controller_interaction = offered.htc_vive_focus3_controller_interaction;
+    wanted.meta_touch_controller_plus = offered.meta_touch_controller_plus;
     wanted
 }
 

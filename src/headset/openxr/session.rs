@@ -2,15 +2,18 @@
 
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use openxr as xr;
 
 use super::actions::Actions;
 use super::clock::{FrameClock, Told};
-use super::fault::{Called, Fault, Outcome};
+use super::fault::{Called, Fault, Notes, Outcome};
+use super::floor::Floor;
 use super::gaze::{self, EyeTracker, Gaze};
-use super::lifecycle::{Duty, Lifecycle};
+use super::lifecycle::{self, Duty, Lifecycle};
 use super::runtime::Runtime;
-use super::swapchain::{Formats, ViewImages, choose_formats};
+use super::setup::{Steady, images, sizes};
+use super::swapchain::{Formats, ViewImages, formats};
 use super::visibility::HiddenMesh;
 use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
@@ -24,6 +27,10 @@ use crate::math::view::FieldOfView;
 const PATIENCE: Duration = Duration::from_millis(50);
 /// How long a runtime may take to end a session that was asked to exit.
 const EXIT_PATIENCE: Duration = Duration::from_secs(10);
+/// Frames in a row whose views may stay where they were.
+const MOST_STRIKES: u32 = 20;
+/// Frames after which an eye tracker that was refused is asked again.
+const BLIND: u32 = 90;
 
 /// What is to be done next.
 pub enum Next {
@@ -74,9 +81,10 @@ pub struct Options {
 pub struct Session {
     // In the order in which they end.
     images: Vec<ViewImages>,
-    actions: Actions,
+    actions: Option<Actions>,
     eyes: Option<EyeTracker>,
     space: xr::Space,
+    floor: Floor,
     waiter: Waiter,
     stream: xr::FrameStream<xr::Vulkan>,
     session: xr::Session<xr::Vulkan>,
@@ -89,9 +97,17 @@ pub struct Session {
     steady: Steady,
     /// How long frames usually take.
     usual: Duration,
+    /// The wearer sees the newest frame.
+    visible: bool,
     exit: Option<Instant>,
     ended: bool,
     located: Vec<EyeView>,
+    /// Frames in a row whose views could not be located.
+    strikes: u32,
+    /// Frames for which the eye tracker is not asked.
+    blind: u32,
+    state: xr::SessionState,
+    notes: Notes,
     hidden: Vec<HiddenMesh>,
     masks: u64,
 }
@@ -108,29 +124,24 @@ impl Session {
         let space = session
             .create_reference_space(xr::ReferenceSpaceType::LOCAL, xr::Posef::IDENTITY)
             .called("xrCreateReferenceSpace")?;
-        let actions = Actions::new(&runtime.instance, &session)?;
+        let floor = Floor::new(&session);
+        let mut notes = Notes::default();
+        let made = Actions::new(&runtime.instance, &session);
+        let mut actions = notes.or_without(made, "controllers are not used")?;
         let tracked = options.gaze && gaze::supported(&runtime.instance, runtime.system);
-        let eyes = if tracked { EyeTracker::new(&runtime.instance, &session)? } else { None };
-        let sets: Vec<_> = [actions.set()].into_iter().chain(eyes.as_ref().map(EyeTracker::set)).collect();
-        session.attach_action_sets(&sets).called("xrAttachSessionActionSets")?;
+        let made = if tracked { EyeTracker::new(&runtime.instance, &session) } else { Ok(None) };
+        let mut eyes = notes.or_without(made, "the gaze is not followed")?.flatten();
+        let sets: Vec<_> =
+            actions.iter().map(Actions::set).chain(eyes.as_ref().map(EyeTracker::set)).collect();
+        let attached = session.attach_action_sets(&sets).called("xrAttachSessionActionSets");
+        if notes.or_without(attached, "neither controllers nor eyes are followed")?.is_none() {
+            (actions, eyes) = (None, None);
+        }
         extras::request(&session, options.refresh_hz);
         let hidden = extras::hidden(&session, runtime.views, runtime.sizes.len());
-        let formats = choose_formats(&session, options.depth && runtime.takes_depth)?;
-        let limit = context.image_size_limit();
-        let fit = |wanted: Option<u32>, recommended: u32, most: u32| {
-            wanted.unwrap_or(recommended).clamp(1, most.min(limit).max(1))
-        };
-        let images = runtime
-            .sizes
-            .iter()
-            .map(|view| {
-                let width =
-                    fit(options.size[0], view.recommended_image_rect_width, view.max_image_rect_width);
-                let height =
-                    fit(options.size[1], view.recommended_image_rect_height, view.max_image_rect_height);
-                ViewImages::new(&session, context, formats, (width, height))
-            })
-            .collect::<Outcome<Vec<_>>>()?;
+        let sizes = sizes(&runtime.sizes, options.size, context.image_size_limit(), &mut notes);
+        let candidates = formats(&session, options.depth && runtime.takes_depth)?;
+        let (formats, images) = images(&session, context, &candidates, &sizes, &mut notes)?;
         Ok(Session {
             images,
             actions,
@@ -138,6 +149,7 @@ impl Session {
             space,
             waiter,
             stream,
+            floor,
             session,
             instance: runtime.instance.clone(),
             views: runtime.views,
@@ -147,9 +159,14 @@ impl Session {
             clock: FrameClock::new(steady.lent),
             steady,
             usual: Duration::ZERO,
+            visible: false,
             exit: None,
             ended: false,
             located: Vec::new(),
+            strikes: 0,
+            blind: 0,
+            state: xr::SessionState::UNKNOWN,
+            notes,
             hidden,
             masks: 0,
         })
@@ -163,6 +180,25 @@ impl Session {
     /// The formats of all images.
     pub fn formats(&self) -> Formats {
         self.formats
+    }
+
+    /// How high the floor is in the session's space at a time, in metres; `None` where the runtime does not
+    /// know, or it has not changed since it was asked last.
+    pub fn floor(&mut self, time: i64) -> Option<f64> {
+        self.floor.moved(&self.space, xr::Time::from_nanos(time))
+    }
+
+    /// What goes on without something; each sentence once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        self.notes.take()
+    }
+
+    /// Why nothing is shown, where that lasts.
+    pub fn why_dark(&self) -> &'static str {
+        if self.waiter.hangs() {
+            return "xrWaitFrame does not return: the runtime hangs, or its compositor does; Ctrl-C ends";
+        }
+        lifecycle::why_dark(self.state, !self.located.is_empty())
     }
 
     /// What the lenses hide of each view, and a number that grows when that changes.
@@ -184,7 +220,7 @@ impl Session {
     pub fn request_exit(&mut self) {
         if self.exit.is_none() {
             self.exit = Some(Instant::now());
-            // A session that does not run yet simply ends.
+            // A session that does not run yet, or cannot be asked, simply ends.
             self.ended |= self.session.request_exit().is_err();
         }
     }
@@ -207,13 +243,17 @@ impl Session {
             std::thread::sleep(PATIENCE / 5);
             return Ok(Next::Pause);
         }
-        self.waiter.ask(Duration::ZERO);
+        // Where the last frame ended sooner than it usually does, this one need not wait.
+        if self.visible || !self.waiter.asked() {
+            self.waiter.ask(Duration::ZERO);
+        }
         let Some(state) = self.waiter.take(PATIENCE)? else { return Ok(Next::Pause) };
         let frame = self.begin(state)?;
+        let step = Duration::from_nanos(self.clock.step() as u64);
         // The next frame is waited for while this one is traced; not so early that its time is past when
-        // this one ends.
-        let period = self.clock.period().map_or(Duration::ZERO, |period| Duration::from_nanos(period as u64));
-        self.waiter.ask(self.usual.saturating_sub(period));
+        // this one ends. Not every runtime holds up frames that nobody sees.
+        let delay = if frame.should_render { self.usual.saturating_sub(step) } else { step * 4 / 5 };
+        self.waiter.ask(delay);
         Ok(Next::Frame(frame))
     }
 
@@ -240,6 +280,10 @@ impl Session {
         // Zero and less are no times, and xrEndFrame refuses them even where they came from the runtime.
         let display_time = xr::Time::from_nanos(if predicted > 0 { predicted } else { time });
         let should_render = state.should_render && self.exit.is_none();
+        self.visible = should_render;
+        if !should_render {
+            self.clock.pause();
+        }
         Ok(Frame { time, should_render, began: Instant::now(), display_time })
     }
 
@@ -252,6 +296,7 @@ impl Session {
                 xr::Event::InstanceLossPending(_) => {
                     return Err(Fault::Instance("the OpenXR runtime is about to end".into()));
                 }
+                xr::Event::ReferenceSpaceChangePending(_) => self.floor.forget(),
                 xr::Event::VisibilityMaskChangedKHR(_) => {
                     self.hidden = extras::hidden(&self.session, self.views, self.images.len());
                     self.masks += 1;
@@ -263,6 +308,7 @@ impl Session {
     }
 
     fn enter(&mut self, state: xr::SessionState) -> Outcome<()> {
+        self.state = state;
         match self.life.enter(state) {
             Duty::None => {}
             Duty::Begin => {
@@ -300,11 +346,17 @@ impl Session {
     /// Where session or runtime are lost.
     pub fn locate(&mut self, time: i64) -> Outcome<Option<Vec<EyeView>>> {
         let time = xr::Time::from_nanos(time);
-        let (flags, views) = match self.session.locate_views(self.views, time, &self.space) {
-            Ok(found) => found,
-            Err(xr::sys::Result::ERROR_TIME_INVALID) => (xr::ViewStateFlags::EMPTY, Vec::new()),
-            Err(code) => return Err(Fault::of("xrLocateViews", code)),
+        let found = match self.session.locate_views(self.views, time, &self.space) {
+            Err(xr::sys::Result::ERROR_TIME_INVALID) => Ok((xr::ViewStateFlags::EMPTY, Vec::new())),
+            found => found,
         };
+        let found = found.called("xrLocateViews");
+        let found = self.notes.or_without(found, "the views stay where they were")?;
+        self.strikes = if found.is_some() { 0 } else { self.strikes + 1 };
+        if self.strikes > MOST_STRIKES {
+            return Err(Fault::Session("xrLocateViews fails again and again".into()));
+        }
+        let (flags, views) = found.unwrap_or((xr::ViewStateFlags::EMPTY, Vec::new()));
         let turned = flags.contains(xr::ViewStateFlags::ORIENTATION_VALID);
         let placed = flags.contains(xr::ViewStateFlags::POSITION_VALID);
         let known = views.len() == self.images.len() && turned;
@@ -314,7 +366,8 @@ impl Session {
                 let fov = convert::field_of_view(&view.fov).or(last.map(|eye| eye.fov))?;
                 let mut pose = convert::pose(&view.pose);
                 if !placed {
-                    pose.position = last.map_or(pose.position, |eye| eye.space_from_eye.position);
+                    // What the runtime leaves there is undefined.
+                    pose.position = last.map_or(DVec3::ZERO, |eye| eye.space_from_eye.position);
                 }
                 Some(EyeView { space_from_eye: pose, fov })
             };
@@ -331,22 +384,39 @@ impl Session {
     /// Where session or runtime are lost.
     pub fn input(&mut self, time: i64) -> Outcome<(Hands, Option<Gaze>)> {
         let time = xr::Time::from_nanos(time);
-        let sets: Vec<xr::ActiveActionSet> = [self.actions.set()]
-            .into_iter()
+        let sets: Vec<xr::ActiveActionSet> = (self.actions.iter().map(Actions::set))
             .chain(self.eyes.as_ref().map(EyeTracker::set))
             .map(xr::ActiveActionSet::new)
             .collect();
-        self.session.sync_actions(&sets).called("xrSyncActions")?;
-        let look = |eyes: &EyeTracker| eyes.look(&self.session, &self.space, time);
-        let gaze = self.eyes.as_ref().map(look).transpose()?;
-        Ok((self.actions.hands(&self.session, &self.space, time), gaze))
+        let unseen = self.eyes.as_ref().map(|_| Gaze::unseen(time.as_nanos()));
+        if sets.is_empty() {
+            return Ok((Hands::default(), unseen));
+        }
+        let synced = self.session.sync_actions(&sets).called("xrSyncActions");
+        if self.notes.or_without(synced, "hands and eyes are not followed")?.is_none() {
+            return Ok((Hands::default(), unseen));
+        }
+        let hands = self.actions.as_ref().map(|actions| actions.hands(&self.session, &self.space, time));
+        Ok((hands.unwrap_or_default(), self.look(time)?.or(unseen)))
     }
 
-    /// Gets an image of each view to draw into.
+    /// What the eye tracker sees. One that is refused is not asked for a while.
+    fn look(&mut self, time: xr::Time) -> Outcome<Option<Gaze>> {
+        self.blind = self.blind.saturating_sub(1);
+        let Some(eyes) = self.eyes.as_ref().filter(|_| self.blind == 0) else { return Ok(None) };
+        let seen = eyes.look(&self.session, &self.space, time);
+        let seen = self.notes.or_without(seen, "the gaze is not followed until it works again")?;
+        if seen.is_none() {
+            self.blind = BLIND;
+        }
+        Ok(seen)
+    }
+
+    /// Gets an image of each view to draw into; `None` where the compositor keeps them too long.
     ///
     /// # Errors
     /// Where session or runtime are lost.
-    pub fn acquire(&mut self) -> Outcome<Vec<Target>> {
+    pub fn acquire(&mut self) -> Outcome<Option<Vec<Target>>> {
         self.images.iter_mut().map(ViewImages::acquire).collect()
     }
 
@@ -356,8 +426,9 @@ impl Session {
     /// # Errors
     /// Where session or runtime are lost.
     pub fn end(&mut self, frame: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
-        for images in &mut self.images {
-            images.release()?;
+        // What was not drawn into is kept for the next frame.
+        if shown.is_some() {
+            self.images.iter_mut().try_for_each(ViewImages::release)?;
         }
         let depths: Vec<_> = self.images.iter().map(ViewImages::depth_info).collect();
         let images = self.images.iter().zip(&depths);
@@ -369,30 +440,6 @@ impl Session {
             .collect();
         let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
         let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
-        let ended = self.stream.end(frame.display_time, self.blend, layers).called("xrEndFrame");
-        ended.map_err(Fault::spoilt)
-    }
-}
-
-/// A steady clock that reads as the runtime's own where that is lent.
-#[derive(Clone, Copy)]
-struct Steady {
-    lent: bool,
-    start: Instant,
-    /// Nanoseconds of the runtime's clock at the start.
-    at_start: i64,
-}
-
-impl Steady {
-    fn new(instance: &xr::Instance) -> Self {
-        let start = Instant::now();
-        let lends = instance.exts().khr_convert_timespec_time.is_some();
-        let at_start = if lends { instance.now().ok() } else { None };
-        Steady { lent: at_start.is_some(), start, at_start: at_start.map_or(0, xr::Time::as_nanos) }
-    }
-
-    /// Nanoseconds.
-    fn read(&self) -> i64 {
-        self.at_start.saturating_add(self.start.elapsed().as_nanos() as i64)
+        self.stream.end(frame.display_time, self.blend, layers).called("xrEndFrame")
     }
 }

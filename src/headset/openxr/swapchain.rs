@@ -42,25 +42,34 @@ pub struct Formats {
     pub depth: Option<vk::Format>,
 }
 
-/// The best formats that the runtime offers, for depths only where they are wanted.
-pub fn choose_formats(session: &xr::Session<xr::Vulkan>, depth: bool) -> Outcome<Formats> {
+/// The formats that the runtime offers, best first; each with depths, where they are wanted, and without.
+pub fn formats(session: &xr::Session<xr::Vulkan>, depth: bool) -> Outcome<Vec<Formats>> {
     let offered = session.enumerate_swapchain_formats().called("xrEnumerateSwapchainFormats")?;
-    let best = |formats: &[vk::Format]| {
-        formats.iter().copied().find(|format| offered.contains(&(format.as_raw() as u32)))
-    };
-    let color = best(&FORMATS).ok_or_else(|| {
+    let is_offered = |format: &vk::Format| offered.contains(&(format.as_raw() as u32));
+    let depth = DEPTH_FORMATS.into_iter().find(is_offered).filter(|_| depth);
+    let colors: Vec<_> = FORMATS.into_iter().filter(is_offered).collect();
+    if colors.is_empty() {
         let problem = format!("it offers no format that can be drawn into, only {offered:?}; update it");
-        Fault::from(Error::Device { device: "the OpenXR runtime".into(), problem })
-    })?;
-    Ok(Formats { color, depth: best(&DEPTH_FORMATS).filter(|_| depth) })
+        return Err(Error::Device { device: "the OpenXR runtime".into(), problem }.into());
+    }
+    let each = |color| {
+        let without = Formats { color, depth: None };
+        depth.map(|depth| Formats { color, depth: Some(depth) }).into_iter().chain([without])
+    };
+    Ok(colors.into_iter().flat_map(each).collect())
 }
 
 /// A swapchain and which of its images is drawn into.
 struct Chain {
     chain: xr::Swapchain<xr::Vulkan>,
     images: Vec<vk::Image>,
-    acquired: Option<usize>,
+    /// The image that is held, and whether the compositor has read it.
+    acquired: Option<(usize, bool)>,
+    instance: xr::Instance,
 }
+
+/// How long an image is waited for in one frame, in nanoseconds.
+const PATIENCE: i64 = 500_000_000;
 
 impl Chain {
     fn new(
@@ -83,27 +92,55 @@ impl Chain {
         let chain = session.create_swapchain(&info).called("xrCreateSwapchain")?;
         let images = chain.enumerate_images().called("xrEnumerateSwapchainImages")?;
         let images = images.into_iter().map(vk::Image::from_raw).collect();
-        Ok(Chain { chain, images, acquired: None })
+        Ok(Chain { chain, images, acquired: None, instance: session.instance().clone() })
     }
 
-    fn acquire(&mut self) -> Outcome<(usize, vk::Image)> {
-        let index =
-            self.chain.acquire_image().called("xrAcquireSwapchainImage").map_err(Fault::spoilt)? as usize;
-        self.chain
-            .wait_image(xr::Duration::INFINITE)
-            .called("xrWaitSwapchainImage")
-            .map_err(Fault::spoilt)?;
-        self.acquired = Some(index);
+    /// The next image to draw into, once the compositor has read it; `None` where that takes too long: then
+    /// it is waited for again the next time.
+    fn acquire(&mut self) -> Outcome<Option<(usize, vk::Image)>> {
+        let (index, ready) = match self.acquired {
+            Some(acquired) => acquired,
+            None => (self.chain.acquire_image().called("xrAcquireSwapchainImage")? as usize, false),
+        };
+        self.acquired = Some((index, ready));
+        if !ready && !self.wait()? {
+            return Ok(None);
+        }
+        self.acquired = Some((index, true));
         let image = self.images.get(index).copied();
         let image = image.ok_or_else(|| Fault::Session(format!("there is no swapchain image {index}")))?;
-        Ok((index, image))
+        Ok(Some((index, image)))
     }
 
-    fn release(&mut self) -> Outcome<()> {
-        match self.acquired.take() {
-            Some(_) => self.chain.release_image().called("xrReleaseSwapchainImage").map_err(Fault::spoilt),
-            None => Ok(()),
+    /// Whether the image that was acquired has become ready in a reasonable time.
+    fn wait(&self) -> Outcome<bool> {
+        let info = sys::SwapchainImageWaitInfo {
+            ty: sys::SwapchainImageWaitInfo::TYPE,
+            next: std::ptr::null(),
+            timeout: xr::Duration::from_nanos(PATIENCE),
+        };
+        // SAFETY: the swapchain is alive and only used here; the info outlives the call.
+        let code = unsafe { (self.instance.fp().wait_swapchain_image)(self.chain.as_raw(), &info) };
+        match code {
+            sys::Result::TIMEOUT_EXPIRED => Ok(false),
+            code if code.into_raw() >= 0 => Ok(true),
+            code => Err(Fault::of("xrWaitSwapchainImage", code)),
         }
+    }
+
+    /// Hands the image over, if it was drawn into.
+    fn release(&mut self) -> Outcome<()> {
+        if !self.acquired.is_some_and(|(_, ready)| ready) {
+            return Ok(());
+        }
+        self.acquired = None;
+        let info = sys::SwapchainImageReleaseInfo {
+            ty: sys::SwapchainImageReleaseInfo::TYPE,
+            next: std::ptr::null(),
+        };
+        // SAFETY: as in `wait`.
+        let code = unsafe { (self.instance.fp().release_swapchain_image)(self.chain.as_raw(), &info) };
+        if code.into_raw() < 0 { Err(Fault::of("xrReleaseSwapchainImage", code)) } else { Ok(()) }
     }
 
     /// The whole of the image that was released last.
@@ -143,16 +180,22 @@ impl ViewImages {
         Ok(ViewImages { targets: HashMap::new(), color, depth, context: context.clone(), formats, size })
     }
 
-    /// Gets the next images to draw into, once the compositor has read them.
+    /// Gets the next images to draw into, once the compositor has read them; `None` where it takes too long.
     ///
     /// # Errors
     /// Where the runtime refuses: then the session is built anew.
-    pub fn acquire(&mut self) -> Outcome<Target> {
-        let (index, image) = self.color.acquire()?;
-        let depth = self.depth.as_mut().map(Chain::acquire).transpose()?;
+    pub fn acquire(&mut self) -> Outcome<Option<Target>> {
+        let Some((index, image)) = self.color.acquire()? else { return Ok(None) };
+        let depth = match &mut self.depth {
+            Some(depth) => match depth.acquire()? {
+                Some(depth) => Some(depth),
+                None => return Ok(None),
+            },
+            None => None,
+        };
         let key = (index, depth.map(|(index, _)| index));
         if let Some(target) = self.targets.get(&key) {
-            return Ok(target.clone());
+            return Ok(Some(target.clone()));
         }
         let color = (image, self.formats.color);
         let depth = depth.map(|(_, image)| image).zip(self.formats.depth);
@@ -167,7 +210,7 @@ impl ViewImages {
                 None => Target::from_raw(&self.context, color.0, color.1, width, height, 0)?,
             }
         };
-        Ok(self.targets.entry(key).or_insert(target).clone())
+        Ok(Some(self.targets.entry(key).or_insert(target).clone()))
     }
 
     /// Hands the images that were drawn into to the compositor.

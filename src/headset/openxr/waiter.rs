@@ -4,6 +4,7 @@
 //! time that it is asked, not before the moment it is asked for, and hands over what the runtime says.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -71,6 +72,11 @@ impl Waiter {
         self.asked.is_some()
     }
 
+    /// Whether the frame that was asked for has been waited for longer than a display takes.
+    pub fn hangs(&self) -> bool {
+        self.asked.is_some_and(|from| from.elapsed() > LONG_WAIT)
+    }
+
     /// The frame that was asked for and when it arrived, if it comes within the time.
     pub fn take(&mut self, patience: Duration) -> Outcome<Option<(xr::FrameState, i64)>> {
         match self.answers.recv_timeout(patience) {
@@ -95,17 +101,32 @@ fn pause(heard: &Receiver<Word>, from: Instant) -> bool {
     }
 }
 
+/// Threads of sessions that have ended, which the runtime has not answered yet. They keep their sessions
+/// alive, and runtimes let only one live at a time.
+static STUCK: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
+
+/// Whether xrWaitFrame of every session that has ended has returned.
+pub fn settled() -> bool {
+    let mut stuck = STUCK.lock().unwrap_or_else(PoisonError::into_inner);
+    stuck.retain(|thread| !thread.is_finished());
+    stuck.is_empty()
+}
+
 impl Drop for Waiter {
     fn drop(&mut self) {
         drop(self.words.take());
-        // A runtime that never answers keeps its thread; the program does not wait for it.
         let stuck = self.asked.is_some()
             && matches!(self.answers.recv_timeout(PATIENCE), Err(RecvTimeoutError::Timeout));
-        if let Some(thread) = self.thread.take().filter(|_| !stuck) {
+        let Some(thread) = self.thread.take() else { return };
+        if stuck {
+            STUCK.lock().unwrap_or_else(PoisonError::into_inner).push(thread);
+        } else {
             let _ = thread.join();
         }
     }
 }
 
-/// How long a runtime may take to answer at the end.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// A wait for a frame that is not the display's.
+const LONG_WAIT: Duration = Duration::from_secs(2);
+/// How long a runtime may take to answer at the end before others look after it.
+const PATIENCE: Duration = Duration::from_millis(500);

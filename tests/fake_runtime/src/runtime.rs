@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Condvar, LazyLock, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use openxr_sys::{self as xr, Handle};
 
@@ -86,9 +87,21 @@ pub(crate) fn enter(
     work: impl FnOnce(&mut Runtime, &mut Note) -> Outcome,
 ) -> xr::Result {
     let mut note = Note::default();
+    hang(call);
     let mut runtime = lock();
     let outcome = runtime.admit(call, on, &mut note).and_then(|()| work(&mut runtime, &mut note));
     runtime.finish(call, outcome, note)
+}
+
+/// Lets a call take as long as the script wants; others go on meanwhile.
+pub(crate) fn hang(call: &str) {
+    let for_ms = {
+        let runtime = lock();
+        let number = runtime.log.count(call) + 1;
+        let hangs = runtime.script.hangs.iter().filter(|h| h.call == call && within(number, h.from, h.to));
+        hangs.map(|hang| hang.ms).sum()
+    };
+    std::thread::sleep(Duration::from_millis(for_ms));
 }
 
 impl Runtime {

@@ -27,6 +27,8 @@ pub struct Script {
     pub formats: Vec<i64>,
     /// Time between two frames, milliseconds.
     pub period_ms: f64,
+    /// How high the LOCAL space is above the floor, metres.
+    pub eye_height: f32,
     /// How the head moves.
     pub head: Head,
     /// Where the eyes look from a frame on; before the first, and without any, they are not tracked.
@@ -37,6 +39,8 @@ pub struct Script {
     pub inputs: Vec<Input>,
     /// Results that calls give instead of doing their work, counted over the whole run.
     pub faults: Vec<Fault>,
+    /// Calls that take their time.
+    pub hangs: Vec<Hang>,
     /// What happens in the first session, the second, and so on; then the default.
     pub sessions: Vec<Session>,
 }
@@ -53,11 +57,13 @@ impl Default for Script {
             // RGBA16 UNORM and SFLOAT, RGBA8 and BGRA8 SRGB, the same UNORM, depth; Monado's order.
             formats: vec![91, 97, 43, 50, 37, 44, 126, 124],
             period_ms: 10.0,
+            eye_height: 1.6,
             head: Head::default(),
             gaze: Vec::new(),
             profile: None,
             inputs: Vec::new(),
             faults: Vec::new(),
+            hangs: Vec::new(),
             sessions: Vec::new(),
         }
     }
@@ -158,6 +164,20 @@ pub struct Fault {
     pub result: String,
 }
 
+/// A call that takes its time before it does its work.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Hang {
+    /// Such as `xrLocateViews`.
+    pub call: String,
+    /// The first of these calls that hangs, counted from 1 over the whole run.
+    pub from: u64,
+    /// The last; 0 for only the first.
+    pub to: u64,
+    /// For so long, milliseconds.
+    pub ms: u64,
+}
+
 /// What happens in one session.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -228,6 +248,8 @@ pub struct FrameRule {
     pub should_render: Option<bool>,
     /// How much longer xrWaitFrame takes, milliseconds.
     pub wait_ms: u64,
+    /// xrWaitFrame returns at once, as that of some runtimes does for frames that nobody sees.
+    pub at_once: bool,
     /// Added to the predicted display time, milliseconds.
     pub offset_ms: f64,
     /// In place of the predicted display time, nanoseconds.

@@ -12,14 +12,13 @@ pub(crate) struct Pose {
     pub place: Vec3,
 }
 
-/// How high the LOCAL space is above the floor, metres.
-const EYE_HEIGHT: f32 = 1.6;
-
 impl Pose {
     pub const IDENTITY: Pose = Pose { turn: Quat::IDENTITY, place: Vec3::ZERO };
 
-    /// The floor's space, seen from the LOCAL space.
-    pub const FLOOR: Pose = Pose { turn: Quat::IDENTITY, place: Vec3::new(0.0, -EYE_HEIGHT, 0.0) };
+    /// The floor's space, seen from the LOCAL space that is so many metres above it.
+    pub fn floor(below: f32) -> Pose {
+        Pose { turn: Quat::IDENTITY, place: Vec3::new(0.0, -below, 0.0) }
+    }
 
     /// First `inner`, then this.
     pub fn then(self, inner: Pose) -> Pose {

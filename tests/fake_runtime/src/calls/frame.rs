@@ -12,7 +12,7 @@ use crate::log::Note;
 use crate::nested;
 use crate::order::Frame;
 use crate::refusal::{Outcome, Refusal, invalid, out_of_order, wrong};
-use crate::runtime::{BEGUN, On, Runtime, enter, lock, now};
+use crate::runtime::{BEGUN, On, Runtime, enter, hang, lock, now};
 use crate::script::{FrameRule, When, within};
 use crate::vulkan::Part;
 
@@ -37,6 +37,7 @@ pub(crate) fn wait(
     const CALL: &str = "xrWaitFrame";
     let handle = session.into_raw();
     let mut note = Note::default();
+    hang(CALL);
     let mut runtime = lock();
     let admitted = runtime.admit(CALL, On::Session(session), &mut note);
     if let Err(refusal) = admitted.and_then(|()| info.optional()) {
@@ -127,6 +128,9 @@ impl Runtime {
         let number = session.latest.number + 1;
         let period = period(&session.script.frames, number, usual);
         let late = rules(&session.script.frames, number).map(|rule| rule.wait_ms).sum::<u64>();
+        if rules(&session.script.frames, number).any(|rule| rule.at_once) {
+            return Ok(now());
+        }
         let next = session.last_display.max(session.created) + period;
         Ok(next.max(now()) + late as i64 * 1_000_000)
     }

@@ -193,7 +193,7 @@ impl Runtime {
             Space::Reference(kind, pose) => Some(match kind {
                 xr::ReferenceSpaceType::VIEW => head.then(pose),
                 xr::ReferenceSpaceType::LOCAL => pose,
-                _ => Pose::FLOOR.then(pose),
+                _ => Pose::floor(self.script.eye_height).then(pose),
             }),
             Space::Action { action, hand, pose } => {
                 self.action_pose(session, action, hand)?.map(|inner| head.then(inner).then(pose))

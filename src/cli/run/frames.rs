@@ -1,0 +1,274 @@
+//! One frame in a headset: poses, gaze, what is traced, the late correction, the picture's end.
+
+use std::time::{Duration, Instant};
+
+use glam::DVec2;
+
+use super::keys::Keys;
+use super::present::{Presentation, Run, Stage};
+use super::stats::{Shown, ViewSummary};
+use super::wearer::{Wearer, between};
+use crate::cli::output;
+use crate::config::{HeadsetConfig, Stereo};
+use crate::error::Result;
+use crate::frame::Shot;
+use crate::frame::budget::{self, Held};
+use crate::gpu::vulkan::{self, Encoding, Rect};
+use crate::headset::openxr::{EyeView, Frame, Outcome, Session};
+use crate::math::pose::Pose;
+use crate::math::view::{FieldOfView, View};
+use crate::reconstruct;
+use crate::session::{Asking, Pace, Part, Sharp, Traced};
+
+/// Eyes that moved less since their view was traced need no correction: in metres and in radians.
+const STILL: (f64, f64) = (2e-4, 2e-4);
+
+impl Presentation<'_> {
+    /// Renders and ends one frame.
+    pub(super) fn frame(
+        &self,
+        stage: &mut Stage,
+        session: &mut Session,
+        frame: &Frame,
+        keys: &Keys,
+        run: &mut Run,
+    ) -> Outcome<()> {
+        let Some((mut eyes, time)) = self.eyes(session, frame, Asking::Begin, &mut run.pace)? else {
+            run.pace.skip();
+            return session.end(frame, None);
+        };
+        let (hands, gaze) = session.input(time)?;
+        if let Some(floor) = session.floor(time) {
+            run.wearer.stand(-floor);
+        }
+        run.wearer.walk(&hands, keys, &eyes, time, &self.loaded.scene);
+        let held = self.hold(stage, session, run)?;
+        let Some(targets) = session.acquire()? else {
+            run.pace.skip();
+            return session.end(frame, None);
+        };
+        // As late as it can be: all that is left to do before tracing is to choose samples.
+        let mut time = time;
+        if let Some(newer) = self.eyes(session, frame, Asking::Trace, &mut run.pace)? {
+            (eyes, time) = newer;
+        }
+        let mut asked = Instant::now();
+        let views = self.views(&eyes, &session.sizes(), &run.wearer);
+        let sharp = run.wearer.look(gaze, &eyes, &views, time);
+        let sharp: Vec<Sharp> = (0..views.len()).map(|index| self.sharp(&views, &sharp, index)).collect();
+        let traced = Traced::for_views(&views, &sharp, self.config.view.stereo, self.margin())?;
+        let mut shots = shots(&traced, &targets, self.config.view.exposure.fixed() as f32);
+        if self.config.view.stereo == Stereo::PerEye {
+            let (meshes, version) = session.hidden();
+            for (index, (shot, mesh)) in shots.iter_mut().zip(meshes).enumerate() {
+                shot.hidden = run.wearer.hidden(index, &shot.view, mesh, version);
+            }
+        }
+
+        let count = run.frames();
+        let (mut shown, mut fault) = (eyes.clone(), None);
+        let mut late = |shot: usize| {
+            run.watch.asks();
+            let newest = self.newest(session, frame, shot, &mut run.pace).unwrap_or_else(|lost| {
+                fault = Some(lost);
+                None
+            });
+            run.watch.works();
+            let newest = newest?;
+            let (from, to) = (self.eye_of(shot, &eyes), self.eye_of(shot, &newest));
+            if !moved(from, to) {
+                return None;
+            }
+            asked = Instant::now();
+            let seen = |index: usize| self.config.view.stereo != Stereo::PerEye || index == shot;
+            for (index, eye) in shown.iter_mut().enumerate().filter(|(index, _)| seen(*index)) {
+                eye.space_from_eye = newest[index].space_from_eye;
+            }
+            Some(run.wearer.in_scene(to))
+        };
+        let seed = self.config.trace.seed.wrapping_add(count as u32);
+        run.watch.works();
+        let report = stage.renderer.shoot(&shots, seed, &mut late)?;
+        run.watch.asks();
+        if let Some(fault) = fault {
+            return Err(fault);
+        }
+        // Drivers finish building kernels at their first launch: that frame says nothing of the view.
+        if let Some(controller) = run.controller.as_mut().filter(|_| count > 0) {
+            controller.observe(report.frame_ms, report.pattern_ms);
+            output::print_warnings(&controller.take_notes());
+        }
+        if self.config.view.stereo == Stereo::Mono {
+            let first = shown[0];
+            shown.fill(first);
+        }
+        session.end(frame, Some(&shown))?;
+        let (deadline, now) = (session.deadline(frame), session.now());
+        let ages = run.pace.end(deadline, now);
+        session.expect(Duration::from_nanos(run.pace.left(Asking::Begin) as u64));
+        let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
+        let times = Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), ages, report, held };
+        (run.shown, run.dark) = (Instant::now(), "");
+        let views = self.views(&shown, &session.sizes(), &run.wearer);
+        let each = views.iter().enumerate();
+        let mut report = run.watch.report();
+        report.stats.push(times, now <= deadline.time);
+        report.told.views = each.map(|(index, view)| ViewSummary::of(view, sharp[index])).collect();
+        Ok(())
+    }
+
+    /// Has the next frame made so that it takes the time that it may, and tells how.
+    fn hold(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<Option<Held>> {
+        let period_ms = session.clock().period().map(|nanoseconds| nanoseconds as f64 * 1e-6);
+        // Runtimes may tell wrong periods at first, and displays may change theirs.
+        budget::follow(&mut run.controller, self.config, period_ms)?;
+        let Some(controller) = &run.controller else { return Ok(None) };
+        stage.renderer.apply(&controller.config(self.config))?;
+        Ok(Some(controller.held()))
+    }
+
+    /// Where the eyes will be when the picture is seen, and when that is; `None` where it will not be, or
+    /// nothing is known.
+    fn eyes(
+        &self,
+        session: &mut Session,
+        frame: &Frame,
+        asking: Asking,
+        pace: &mut Pace,
+    ) -> Outcome<Option<(Vec<EyeView>, i64)>> {
+        if !frame.should_render {
+            return Ok(None);
+        }
+        let time = pace.ask(asking, session.deadline(frame), session.now());
+        let mut located = session.locate(time)?;
+        if let (Some(fov_y), Some(eyes)) = (self.fov_y, &mut located) {
+            eyes.iter_mut().for_each(|eye| eye.fov = scaled(eye.fov, fov_y));
+        }
+        Ok(located.map(|eyes| (eyes, time)))
+    }
+
+    /// The same once more for a shot's late correction, if it is wanted.
+    fn newest(
+        &self,
+        session: &mut Session,
+        frame: &Frame,
+        shot: usize,
+        pace: &mut Pace,
+    ) -> Outcome<Option<Vec<EyeView>>> {
+        if !self.config.headset.late_correction {
+            return Ok(None);
+        }
+        Ok(self.eyes(session, frame, Asking::Late(shot), pace)?.map(|(eyes, _)| eyes))
+    }
+
+    /// Where a shot is traced from.
+    fn eye_of(&self, shot: usize, eyes: &[EyeView]) -> Pose {
+        match self.config.view.stereo {
+            Stereo::Shared => between(eyes),
+            _ => eyes[shot].space_from_eye,
+        }
+    }
+
+    /// The headset's views in the scene.
+    fn views(&self, eyes: &[EyeView], sizes: &[(u32, u32)], wearer: &Wearer) -> Vec<View> {
+        let view = |(eye, &(width, height)): (&EyeView, &(u32, u32))| View {
+            world_from_eye: wearer.in_scene(eye.space_from_eye),
+            fov: eye.fov,
+            width,
+            height,
+        };
+        eyes.iter().zip(sizes).map(view).collect()
+    }
+
+    /// What of a view is traced beyond what is shown, as a share of its size: nothing where nothing is moved.
+    fn margin(&self) -> f64 {
+        let HeadsetConfig { late_correction, margin, .. } = self.config.headset;
+        if late_correction { margin } else { 0.0 }
+    }
+
+    /// Where a view is sharp: where the settings say, or the wearer's eyes.
+    fn sharp(&self, views: &[View], eyes: &[Sharp], index: usize) -> Sharp {
+        match self.gaze {
+            Some(_) => Sharp { point: self.toward(&views[0], &views[index]), widening: 1.0 },
+            None => eyes[index],
+        }
+    }
+
+    /// The point of a view, in 0..1 of it, where the wearer looks.
+    fn toward(&self, first: &View, view: &View) -> DVec2 {
+        let Some(gaze) = self.gaze else { return view.optical_centre() };
+        let scale = |view: &View| DVec2::new(f64::from(view.width), f64::from(view.height));
+        let direction = first.world_from_eye.rotation * first.eye_direction(gaze * scale(first));
+        let in_eye = view.world_from_eye.rotation.conjugate() * direction;
+        view.project(in_eye).map_or_else(|| view.optical_centre(), |pixel| pixel / scale(view))
+    }
+}
+
+/// What is traced, as the renderer takes it, with the images that it fills.
+fn shots<'t>(traced: &[Traced], targets: &'t [vulkan::Target], exposure: f32) -> Vec<Shot<'t>> {
+    let output = |part: &Part| reconstruct::Output {
+        source: part.source,
+        rect: Rect { x: 0, y: 0, width: part.size.0, height: part.size.1 },
+        // Runtimes take what they are given for linear light, or decode it by themselves.
+        encoding: Encoding::DisplayLinear,
+        ..reconstruct::Output::whole(&targets[part.view], exposure)
+    };
+    let shot = |traced: &Traced| Shot {
+        view: traced.view,
+        gaze: traced.sharp.point,
+        widening: traced.sharp.widening,
+        hidden: None,
+        outputs: traced.parts.iter().map(output).collect(),
+    };
+    traced.iter().map(shot).collect()
+}
+
+/// Whether an eye has moved so far that it would see another picture.
+fn moved(from: Pose, to: Pose) -> bool {
+    let (metres, radians) = STILL;
+    (from.position - to.position).length() > metres || from.rotation.angle_between(to.rotation) > radians
+}
+
+/// A field of view that grows and shrinks as a whole until it is `fov_y` radians high.
+fn scaled(fov: FieldOfView, fov_y: f64) -> FieldOfView {
+    let factor = 2.0 * (fov_y / 2.0).tan() / (fov.up - fov.down);
+    let FieldOfView { left, right, up, down } = fov;
+    FieldOfView { left: left * factor, right: right * factor, up: up * factor, down: down * factor }
+}
+
+impl ViewSummary {
+    fn of(view: &View, sharp: Sharp) -> Self {
+        let FieldOfView { left, right, up, down } = view.fov;
+        ViewSummary {
+            width: view.width,
+            height: view.height,
+            fov: [left, right, up, down].map(|tangent| tangent.atan().to_degrees()),
+            position: view.world_from_eye.position.to_array(),
+            rotation: view.world_from_eye.rotation.to_array(),
+            gaze: sharp.point.to_array(),
+            widening: sharp.widening,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_traced_is_sharp_where_and_as_widely_as_it_is_said() {
+        let fov = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.4 };
+        let view = View { world_from_eye: Pose::IDENTITY, fov, width: 20, height: 10 };
+        let sharp = Sharp { point: DVec2::new(0.2, 0.7), widening: 2.5 };
+        let shots = shots(&[Traced { view, sharp, parts: Vec::new() }], &[], 1.0);
+        assert_eq!((shots[0].view, shots[0].gaze, shots[0].widening), (view, sharp.point, 2.5));
+    }
+
+    #[test]
+    fn a_field_of_view_is_scaled_as_a_whole() {
+        let fov = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.4 };
+        let scaled = scaled(fov, 60f64.to_radians());
+        assert!((scaled.up - scaled.down - 2.0 * 30f64.to_radians().tan()).abs() < 1e-12);
+        assert!((scaled.left / scaled.right + 1.5).abs() < 1e-12);
+    }
+}
