@@ -8,7 +8,7 @@ use super::options::{Options, RenderOptions, keep_up};
 use super::output;
 use super::run::{Presentation, Watchdog, stop_signal, takes_insets};
 use super::window::Show;
-use crate::config::{Config, Layers};
+use crate::config::{Config, Layers, Stereo};
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
@@ -62,7 +62,11 @@ pub fn load(scene: Option<&Path>, config: &Config) -> Result<Loaded> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let mut layers = args.options.layers(Layers::over(stereo_defaults()))?;
+    let mut defaults = stereo_defaults();
+    if args.window && args.headset.is_none() {
+        defaults.view.stereo = Stereo::Mono;
+    }
+    let mut layers = args.options.layers(Layers::over(defaults))?;
     let config = args.options.finished(&layers)?;
     let notes = keep_up(&mut layers);
     let displayed = args.options.finished(&layers)?;

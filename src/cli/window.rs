@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::frame::budget::{self, Controller, Held};
 use crate::frame::{FrameReport, Output, Plan, Renderer, Step};
 use crate::headset::mock::Profile;
-use crate::headset::panel::{Moment, Panel, Shot, Wanted, Warp};
+use crate::headset::panel::{HELP, Moment, Panel, Shot, Wanted, Warp};
 use crate::headset::rift_dk1::device::{Status, Tracker};
 use crate::headset::rift_dk1::optics::{Eye, NECK_TO_EYE, Optics, REFRESH_HZ};
 use crate::headset::rift_dk1::takeover::{Source, Takeover};
@@ -34,9 +34,11 @@ const REPORTS: usize = 10_000;
 
 /// Frames after which the desktop has told the display's period, if it ever does.
 const PERIOD_KNOWN: usize = 10;
-/// What is told where it does not.
-const NO_PERIOD: &str = "the desktop does not tell how long its display shows a picture, so no frame time is held; \
-                         give one with --target-ms";
+/// The period that is held where it does not, in milliseconds: 30 Hz.
+const UNKNOWN_PERIOD_MS: f64 = 1e3 / 30.0;
+/// What is told then.
+const NO_PERIOD: &str = "the desktop does not tell how long its display shows a picture: frames are held to the \
+                         time of a display of 30 Hz; give another with --target-ms";
 
 /// What is shown, and how.
 pub struct Show<'a> {
@@ -94,6 +96,9 @@ impl Show<'_> {
         output::print_warnings(&self.notes);
         if let Some(tracker) = &tracker {
             await_tracker(tracker, &stop);
+        }
+        if !json {
+            output::print_line(HELP)?;
         }
         let display = self.display(tracker.as_ref());
         let (renderer, steps) = machine.renderer(&loaded, self.config, Output::Display)?;
@@ -186,6 +191,8 @@ struct Session<'a> {
     periods: VecDeque<f64>,
     source: Option<Source>,
     tracked: u64,
+    /// That the display's period is unknown was told.
+    told_missing: bool,
 }
 
 impl<'a> Session<'a> {
@@ -223,6 +230,7 @@ impl<'a> Session<'a> {
             periods: VecDeque::new(),
             source: None,
             tracked: 0,
+            told_missing: false,
         }
     }
 
@@ -246,17 +254,29 @@ impl<'a> Session<'a> {
     fn hold(&mut self, moment: &Moment) -> Result<()> {
         let period_ms = match &self.display {
             // A window may be moved to another monitor.
-            Display::Plain(_) => moment.period_ms,
+            Display::Plain(_) => moment.period_ms.or_else(|| self.unknown_period()),
             Display::Dk1(_, profile) => Some(1e3 / profile.refresh_hz),
         };
         budget::follow(&mut self.controller, self.config, period_ms)?;
         self.controller.as_ref().map_or(Ok(()), |held| self.renderer.apply(&held.config(self.config)))
     }
 
-    /// Whether a display's period is to be held that is not known.
-    fn is_period_missing(&self) -> bool {
-        self.config.budget.target_ms == TargetMs::Display
-            && self.held.is_none_or(|held| held.target_ms.is_none())
+    /// The period that is held where the desktop has had the time to tell the display's, and has not.
+    fn unknown_period(&mut self) -> Option<f64> {
+        let missing = self.reports.len() >= PERIOD_KNOWN && self.config.budget.target_ms == TargetMs::Display;
+        if missing && !std::mem::replace(&mut self.told_missing, true) {
+            output::print_warnings(&[NO_PERIOD.to_string()]);
+        }
+        missing.then_some(UNKNOWN_PERIOD_MS)
+    }
+
+    /// What the last frame was made with.
+    fn status(&self, report: &FrameReport) -> String {
+        let samples = report.samples;
+        match &self.held {
+            Some(held) => format!("quality {:.0} %, {samples} samples", 100.0 * held.position),
+            None => format!("{samples} samples"),
+        }
     }
 
     fn warm_up(&mut self) -> Result<()> {
@@ -292,10 +312,8 @@ impl<'a> Session<'a> {
             controller.observe(report.frame_ms, report.pattern_ms);
             output::print_warnings(&controller.take_notes());
         }
+        let status = self.status(&report);
         keep(&mut self.reports, report);
-        if self.reports.len() == PERIOD_KNOWN && self.is_period_missing() {
-            output::print_warnings(&[NO_PERIOD.to_string()]);
-        }
         if moment.since_last > 0.0 {
             keep(&mut self.periods, moment.since_last);
         }
@@ -310,7 +328,7 @@ impl<'a> Session<'a> {
                 optics.warps([profile.eye_width, profile.eye_height], moment.window).to_vec()
             }
         };
-        Ok(Shot { picture, warps })
+        Ok(Shot { picture, warps, status })
     }
 
     /// Moves the head to where it will be when the frame is seen.

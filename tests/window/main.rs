@@ -190,7 +190,7 @@ fn a_plain_window_shows_both_eyes_side_by_side_and_ends_by_itself() {
     let mut child = start(
         &screen,
         folder.path(),
-        "--window --frames 3 --target-ms none --set view.width=640 --set view.height=320",
+        "--window --frames 3 --target-ms none --stereo per-eye --set view.width=640 --set view.height=320",
     );
     let (summary, err) = finish(&mut child);
     assert_eq!(
@@ -199,7 +199,8 @@ fn a_plain_window_shows_both_eyes_side_by_side_and_ends_by_itself() {
     );
     assert_eq!((summary["width"].as_u64(), summary["height"].as_u64()), (Some(640), Some(320)));
 
-    let mut child = start(&screen, folder.path(), "--window --set view.width=640 --set view.height=320");
+    let window = "--window --set view.width=640 --set view.height=320";
+    let mut child = start(&screen, folder.path(), &format!("{window} --stereo per-eye"));
     let shot = picture(&screen, &mut child);
     interrupt(child);
     // 90 degrees across each eye: a tangent of 1 is 160 pixels.
@@ -208,6 +209,14 @@ fn a_plain_window_shows_both_eyes_side_by_side_and_ends_by_itself() {
         let middle = shot.middle_of_row(160, half as usize..half as usize + 160, 1).unwrap();
         assert!((middle - expected).abs() < 0.75, "{eye:?}: {middle}, not {expected}");
     }
+    // By default there is one eye, whose picture fills the window.
+    let mut child = start(&screen, folder.path(), window);
+    let shot = picture(&screen, &mut child);
+    let (summary, _) = interrupt(child);
+    assert_eq!((summary["width"].as_u64(), summary["height"].as_u64()), (Some(640), Some(320)));
+    let (left, right) = (shot.middle_of_row(160, 0..320, 1), shot.middle_of_row(160, 320..640, 1));
+    let expected = 320.0 + 320.0 * seen(BAR, Eye::Left)[0];
+    assert!((left.unwrap() - expected).abs() < 1.5 && right.is_none(), "{left:?} {right:?}, not {expected}");
 }
 
 #[test]
@@ -222,9 +231,10 @@ fn the_displays_period_is_held_where_nothing_else_is_said() {
     // A Rift DK1 shows 60 pictures a second.
     let (dk1, _) = told("--headset dk1 --frames 3");
     assert!((dk1["budget"]["target_ms"].as_f64().unwrap() - 15.0).abs() < 1e-9, "{dk1}");
-    // The period of a display in memory may be unknown: then that is said, and nothing is held.
+    // The period of a display in memory may be unknown: then that is said, and 30 Hz are held.
     let (plain, err) = told("--window --frames 12");
-    assert_eq!(plain["budget"].is_null(), err.contains("the desktop does not tell"), "{plain} {err}");
+    let held = plain["budget"]["target_ms"].as_f64().unwrap();
+    assert_eq!((held - 30.0).abs() < 1e-9, err.contains("the desktop does not tell"), "{plain} {err}");
     let (asked, err) = told("--window --frames 12 --target-ms 50");
     assert_eq!((asked["budget"]["target_ms"].as_f64(), err.contains("does not tell")), (Some(50.0), false));
     for (flags, note) in [("--target-ms none", false), ("--set foveation.samples=100", true)] {

@@ -10,4 +10,4 @@ pub use keys::Keys;
 pub use monitor::{Monitor, panel_among, rift_connectors};
 pub use pass::PanelPass;
 pub use warp::Warp;
-pub use window::{Moment, Panel, Shot, Wanted};
+pub use window::{HELP, Moment, Panel, Shot, Wanted};

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
@@ -19,6 +19,14 @@ use super::{PanelPass, Warp};
 use crate::error::{Error, Result};
 use crate::gpu::vulkan::{Context, ContextOptions, Shown, Swapchain, Target, window_extensions};
 use crate::headset::walker::Wish;
+
+/// The keys, for the title and for the line that the program greets with.
+pub const HELP: &str = "click: the mouse looks around; WASD or arrows, Q and E walk; Shift hurries; R recentres; \
+                        L holds the exposure; F11: full screen; Escape: lets the mouse go, then ends";
+/// How long a title stays at least.
+const TITLE_STAYS: Duration = Duration::from_millis(500);
+/// How often a window that cannot be seen is looked after.
+const HIDDEN_STEP: Duration = Duration::from_millis(100);
 
 /// What a frame is made for.
 #[derive(Clone, Copy, Debug)]
@@ -47,6 +55,8 @@ pub struct Shot {
     pub picture: Target,
     /// How it fills the window; rectangles do not overlap, and cover it all.
     pub warps: Vec<Warp>,
+    /// What the window's title tells beside the frame rate.
+    pub status: String,
 }
 
 /// What the window shall be.
@@ -96,7 +106,8 @@ impl Panel {
     }
 
     /// Opens the window and shows what `frame` makes until the user closes it, `stop` is set, or enough
-    /// frames were shown; how many were. Escape closes it too. The context was opened with
+    /// frames were shown; how many were. Escape lets the mouse go, and closes the window where it is free. A
+    /// window that cannot be seen shows nothing. The context was opened with
     /// [`Panel::vulkan_options`].
     ///
     /// # Errors
@@ -119,6 +130,9 @@ impl Panel {
             last: None,
             latency: 0.0,
             shown: 0,
+            occluded: false,
+            help: false,
+            titled: None,
             outcome: Ok(()),
         };
         let ended = self.event_loop.run_app(&mut shower);
@@ -151,6 +165,12 @@ struct Shower<'a> {
     last: Option<Instant>,
     latency: f64,
     shown: u64,
+    /// Other windows hide this one.
+    occluded: bool,
+    /// The title tells the keys.
+    help: bool,
+    /// When the title was made last, and how many frames had been shown.
+    titled: Option<(Instant, u64)>,
     outcome: Result<()>,
 }
 
@@ -202,8 +222,42 @@ impl Shower<'_> {
         if shown == Shown::Yes {
             self.latency = now.elapsed().as_secs_f64();
             self.shown += 1;
+            self.entitle(&shot.status);
         }
         Ok(())
+    }
+
+    /// Tells frame rate and status, or the keys, in the title.
+    fn entitle(&mut self, status: &str) {
+        let (since, before) = *self.titled.get_or_insert((Instant::now(), self.shown));
+        let Some(opened) = self.opened.as_ref().filter(|_| since.elapsed() > TITLE_STAYS) else { return };
+        let rate = (self.shown - before) as f64 / since.elapsed().as_secs_f64();
+        let told = if self.help { HELP.to_string() } else { format!("{rate:.0} fps, {status}; F1: keys") };
+        opened.window.set_title(&format!("{}: {told}", self.wanted.title));
+        self.titled = Some((Instant::now(), self.shown));
+    }
+
+    /// A key goes down that is not about the head; whether it was one.
+    fn is_command(&mut self, key: KeyCode, event_loop: &ActiveEventLoop) -> bool {
+        match key {
+            KeyCode::Escape if self.captured => self.capture(false),
+            KeyCode::Escape => self.end(event_loop, Ok(())),
+            KeyCode::F1 => self.help = !self.help,
+            KeyCode::F11 => {
+                if let Some(Opened { window, .. }) = &self.opened {
+                    let whole = window.fullscreen().is_none().then_some(Fullscreen::Borderless(None));
+                    window.set_fullscreen(whole);
+                }
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    /// Whether nobody can see the window.
+    fn is_hidden(&self) -> bool {
+        let minimised = |opened: &Opened| opened.window.is_minimized() == Some(true);
+        self.occluded || self.opened.as_ref().is_some_and(minimised)
     }
 
     /// The mouse turns the head from now on, or no more.
@@ -257,16 +311,17 @@ impl ApplicationHandler for Shower<'_> {
             }
             WindowEvent::KeyboardInput { event, .. } => {
                 let PhysicalKey::Code(key) = event.physical_key else { return };
-                if key == KeyCode::Escape {
-                    return self.end(event_loop, Ok(()));
+                let pressed = event.state == ElementState::Pressed;
+                if !(pressed && !event.repeat && self.is_command(key, event_loop)) {
+                    self.keys.key(key, pressed);
                 }
-                self.keys.key(key, event.state == ElementState::Pressed);
             }
             WindowEvent::MouseInput { state: ElementState::Pressed, .. } => self.capture(true),
             WindowEvent::Focused(false) => {
                 self.keys.forget();
                 self.capture(false);
             }
+            WindowEvent::Occluded(occluded) => self.occluded = occluded,
             WindowEvent::RedrawRequested => {
                 if let Err(error) = self.show() {
                     self.end(event_loop, Err(error));
@@ -288,6 +343,10 @@ impl ApplicationHandler for Shower<'_> {
         if self.enough() {
             return self.end(event_loop, Ok(()));
         }
+        if self.is_hidden() {
+            return event_loop.set_control_flow(ControlFlow::WaitUntil(Instant::now() + HIDDEN_STEP));
+        }
+        event_loop.set_control_flow(ControlFlow::Poll);
         if let Some(opened) = &self.opened {
             opened.window.request_redraw();
         }
