@@ -126,6 +126,7 @@ fn in_headset(args: &Args, config: &Config, notes: &[String], runtime: Runtime) 
         size: [width.map(|both| both.div_ceil(2)), height],
         frames: None,
         quiet: args.options.config.json,
+        log: None,
         waits: false,
         stop,
     };

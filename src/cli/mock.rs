@@ -237,22 +237,11 @@ fn record(frame: u32, time: f64, plan: &Plan, report: &FrameReport, gaze: DVec2,
     FrameRecord {
         frame: frame.into(),
         display_time_s: time,
-        samples: report.samples as u64,
         pixels: u64::from(plan.width) * u64::from(plan.height),
-        rays: report.rays,
-        dropped_samples: report.dropped.into(),
-        pattern_ms: report.pattern_ms,
-        trace_ms: report.stages.trace,
-        shade_ms: report.stages.shade,
-        light_ms: report.stages.light,
-        share_ms: report.stages.share,
-        reconstruct_ms: report.stages.reconstruct,
-        frame_ms: report.frame_ms,
-        devices: report.devices.clone(),
         gaze,
         head_position: head.position,
         head_orientation: head.rotation,
-        budget: None,
+        ..FrameRecord::of(report)
     }
 }
 

@@ -36,6 +36,9 @@ pub struct Args {
     /// Wait for a runtime or a headset that is not there yet, or fails again and again.
     #[arg(long)]
     wait: bool,
+    /// Write a line of JSON for each picture: what it was made with, its times, how old its poses were.
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
     #[command(flatten)]
     pub(super) options: RenderOptions,
 }
@@ -70,6 +73,7 @@ pub fn run(args: &Args) -> Result<()> {
         size: [width.map(|both| both.div_ceil(2)), height],
         frames: args.frames,
         quiet: args.options.config.json,
+        log: args.log.as_deref(),
         waits: args.wait,
         stop,
     };

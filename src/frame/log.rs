@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::budget::Held;
 use super::crew::DeviceShare;
+use super::pipeline::FrameReport;
 use crate::error::{Error, Result};
 
 /// One frame. Times in milliseconds unless named otherwise.
@@ -50,6 +51,41 @@ pub struct FrameRecord {
     pub head_orientation: DQuat,
     /// What the frame was made with where its time is held; `null` where settings stay as they are.
     pub budget: Option<Held>,
+    /// How old its poses were; `null` where poses are those of a script.
+    #[serde(default)]
+    pub pose_age_ms: Option<Ages>,
+}
+
+/// How far the times that a frame's poses were asked for lie behind (negative) or ahead of the time at which
+/// its picture was seen, in milliseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Ages {
+    /// Of the poses that move the wearer.
+    pub begin: Option<f64>,
+    /// Of those that were traced.
+    pub trace: Option<f64>,
+    /// Of those that corrected what was traced: the farthest of all views.
+    pub late: Option<f64>,
+}
+
+impl FrameRecord {
+    /// What a renderer tells of a frame; the rest is for who has it made.
+    pub fn of(report: &FrameReport) -> FrameRecord {
+        FrameRecord {
+            samples: report.samples as u64,
+            rays: report.rays,
+            dropped_samples: report.dropped.into(),
+            pattern_ms: report.pattern_ms,
+            trace_ms: report.stages.trace,
+            shade_ms: report.stages.shade,
+            light_ms: report.stages.light,
+            share_ms: report.stages.share,
+            reconstruct_ms: report.stages.reconstruct,
+            frame_ms: report.frame_ms,
+            devices: report.devices.clone(),
+            ..FrameRecord::default()
+        }
+    }
 }
 
 /// A file with one frame a line.
@@ -125,6 +161,7 @@ mod tests {
             head_position: DVec3::new(1.0, 2.0, 3.0),
             head_orientation: DQuat::from_rotation_y(0.3),
             budget: None,
+            pose_age_ms: Some(Ages { begin: Some(-3.0), trace: Some(0.5), late: None }),
         }
     }
 

@@ -3,5 +3,5 @@
 mod pace;
 mod traced;
 
-pub use pace::{Ages, Asking, Pace};
+pub use pace::{Asking, Pace};
 pub use traced::{Part, Sharp, Traced};

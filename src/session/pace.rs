@@ -2,8 +2,7 @@
 
 use std::collections::VecDeque;
 
-use serde::{Deserialize, Serialize};
-
+use crate::frame::log::Ages;
 use crate::headset::deadline::Deadline;
 use crate::measure::stats::median;
 
@@ -29,18 +28,6 @@ impl Asking {
             Asking::Late(view) => 2 + view,
         }
     }
-}
-
-/// How far the times that a frame's poses were asked for lie behind (negative) or ahead of the time at which
-/// its picture was seen, in milliseconds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Ages {
-    /// Of the poses that move the wearer.
-    pub begin: Option<f64>,
-    /// Of those that were traced.
-    pub trace: Option<f64>,
-    /// Of those that corrected what was traced: the farthest of all views.
-    pub late: Option<f64>,
 }
 
 /// How long frames take from where their poses are asked for to their end.

@@ -97,6 +97,23 @@ fn poses_are_asked_for_the_display_time_that_is_told() {
 }
 
 #[test]
+fn each_picture_is_written_down_with_the_ages_of_its_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frames.jsonl");
+    let script = with_frames(LONG, Vec::new());
+    let Some(run) = run(&script, 5, &format!("--log {}", path.display())) else { return };
+    let (told, shown) = (run.is_clean().told(), shown(&run));
+    let text = std::fs::read_to_string(&path).unwrap();
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 5, "{told}");
+    for (line, frame) in lines.iter().zip(&shown).filter(|(_, frame)| frame.in_time()) {
+        let late = frame.asked.last().unwrap().0;
+        let (age, seen) = (&line["pose_age_ms"]["late"], line["display_time_s"].as_f64().unwrap());
+        assert!((age.as_f64().unwrap() - (late as f64 * 1e-6 - seen * 1e3)).abs() < 0.1, "{line} {frame:?}");
+    }
+}
+
+#[test]
 fn one_wrong_time_spoils_nothing() {
     let wrong = |frame, offset_ms| FrameRule { offset_ms, ..rule(frame, 0) };
     let rules = vec![

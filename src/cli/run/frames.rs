@@ -11,8 +11,9 @@ use super::wearer::{Wearer, between};
 use crate::cli::output;
 use crate::config::{HeadsetConfig, Stereo};
 use crate::error::Result;
-use crate::frame::Shot;
 use crate::frame::budget::{self, Held};
+use crate::frame::log::FrameRecord;
+use crate::frame::{FrameReport, Shot};
 use crate::gpu::vulkan::{self, Encoding, Rect};
 use crate::headset::openxr::{EyeView, Frame, Outcome, Session};
 use crate::math::pose::Pose;
@@ -22,6 +23,15 @@ use crate::session::{Asking, Pace, Part, Sharp, Traced};
 
 /// Eyes that moved less since their view was traced need no correction: in metres and in radians.
 const STILL: (f64, f64) = (2e-4, 2e-4);
+
+/// A picture that is ready to be handed over.
+struct Made {
+    report: FrameReport,
+    /// The views as they were drawn.
+    shown: Vec<EyeView>,
+    /// When the poses that it shows were asked for.
+    asked: Option<Instant>,
+}
 
 impl Presentation<'_> {
     /// Renders and ends one frame.
@@ -52,7 +62,7 @@ impl Presentation<'_> {
         if let Some(newer) = self.eyes(session, frame, Asking::Trace, &mut run.pace)? {
             (eyes, time) = newer;
         }
-        let mut asked = Instant::now();
+        let asked = Instant::now();
         let views = self.views(&eyes, &session.sizes(), &run.wearer);
         let sharp = run.wearer.look(gaze, &eyes, &views, time);
         let sharp: Vec<Sharp> = (0..views.len()).map(|index| self.sharp(&views, &sharp, index)).collect();
@@ -65,8 +75,23 @@ impl Presentation<'_> {
             }
         }
 
+        let mut made = self.render(stage, session, frame, run, &shots, &eyes)?;
+        made.asked.get_or_insert(asked);
+        self.hand_over(session, frame, run, made, &sharp, held)
+    }
+
+    /// Has what is to be seen traced, and corrected to the newest poses.
+    fn render(
+        &self,
+        stage: &mut Stage,
+        session: &mut Session,
+        frame: &Frame,
+        run: &mut Run,
+        shots: &[Shot],
+        eyes: &[EyeView],
+    ) -> Outcome<Made> {
         let count = run.frames();
-        let (mut shown, mut fault) = (eyes.clone(), None);
+        let (mut shown, mut asked, mut fault) = (eyes.to_vec(), None, None);
         let mut late = |shot: usize| {
             run.watch.asks();
             let newest = self.newest(session, frame, shot, &mut run.pace).unwrap_or_else(|lost| {
@@ -75,11 +100,11 @@ impl Presentation<'_> {
             });
             run.watch.works();
             let newest = newest?;
-            let (from, to) = (self.eye_of(shot, &eyes), self.eye_of(shot, &newest));
+            let (from, to) = (self.eye_of(shot, eyes), self.eye_of(shot, &newest));
             if !moved(from, to) {
                 return None;
             }
-            asked = Instant::now();
+            asked = Some(Instant::now());
             let seen = |index: usize| self.config.view.stereo != Stereo::PerEye || index == shot;
             for (index, eye) in shown.iter_mut().enumerate().filter(|(index, _)| seen(*index)) {
                 eye.space_from_eye = newest[index].space_from_eye;
@@ -88,7 +113,7 @@ impl Presentation<'_> {
         };
         let seed = self.config.trace.seed.wrapping_add(count as u32);
         run.watch.works();
-        let report = stage.renderer.shoot(&shots, seed, &mut late)?;
+        let report = stage.renderer.shoot(shots, seed, &mut late)?;
         run.watch.asks();
         if let Some(fault) = fault {
             return Err(fault);
@@ -102,18 +127,45 @@ impl Presentation<'_> {
             let first = shown[0];
             shown.fill(first);
         }
-        session.end(frame, Some(&shown))?;
+        Ok(Made { report, shown, asked })
+    }
+
+    /// Ends a frame that was made, and writes down how.
+    fn hand_over(
+        &self,
+        session: &mut Session,
+        frame: &Frame,
+        run: &mut Run,
+        made: Made,
+        sharp: &[Sharp],
+        held: Option<Held>,
+    ) -> Outcome<()> {
+        session.end(frame, Some(&made.shown))?;
         let (deadline, now) = (session.deadline(frame), session.now());
         let ages = run.pace.end(deadline, now);
         session.expect(Duration::from_nanos(run.pace.left(Asking::Begin) as u64));
-        let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
-        let times = Shown { frame_ms: ms(frame.began), pose_ms: ms(asked), ages, report, held };
         (run.shown, run.dark) = (Instant::now(), "");
-        let views = self.views(&shown, &session.sizes(), &run.wearer);
-        let each = views.iter().enumerate();
+        let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
+        let pose_ms = made.asked.map_or(0.0, ms);
+        let views = self.views(&made.shown, &session.sizes(), &run.wearer);
         let mut report = run.watch.report();
-        report.stats.push(times, now <= deadline.time);
-        report.told.views = each.map(|(index, view)| ViewSummary::of(view, sharp[index])).collect();
+        if let Some(log) = &mut run.log {
+            log.push(&FrameRecord {
+                frame: report.stats.frames,
+                display_time_s: deadline.seen(now) as f64 * 1e-9,
+                pixels: views.iter().map(|view| view.pixels() as u64).sum(),
+                gaze: sharp[0].point,
+                head_position: views[0].world_from_eye.position,
+                head_orientation: views[0].world_from_eye.rotation,
+                budget: held,
+                pose_age_ms: Some(ages),
+                ..FrameRecord::of(&made.report)
+            })?;
+        }
+        let shown = Shown { frame_ms: ms(frame.began), pose_ms, ages, report: made.report, held };
+        report.stats.push(shown, now <= deadline.time);
+        let each = views.iter().zip(sharp);
+        report.told.views = each.map(|(view, sharp)| ViewSummary::of(view, *sharp)).collect();
         Ok(())
     }
 

@@ -1,6 +1,7 @@
 //! Sessions, frames, and what is built anew when something is lost.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -17,6 +18,7 @@ use crate::cli::{complain, output};
 use crate::config::{Config, HeadsetConfig, Method};
 use crate::error::Result;
 use crate::frame::budget::Controller;
+use crate::frame::log::FrameLog;
 use crate::frame::{Loaded, Output, Renderer};
 use crate::headset::openxr::{self, Fault, Next, Options, Outcome, Runtime, Session};
 use crate::math::pose::Pose;
@@ -43,6 +45,8 @@ pub struct Presentation<'a> {
     pub size: [Option<u32>; 2],
     /// End after this many pictures.
     pub frames: Option<u32>,
+    /// Where a line of JSON for each picture goes.
+    pub log: Option<&'a Path>,
     /// Say nothing on standard output while it runs.
     pub quiet: bool,
     /// Wait for a runtime however often it fails.
@@ -84,6 +88,8 @@ pub(super) struct Run<'w> {
     keyboard: Option<Terminal>,
     /// Holds the frame time, where one is asked for, once the display's period is known.
     pub(super) controller: Option<Controller>,
+    /// Where each picture is written down.
+    pub(super) log: Option<FrameLog>,
     /// How long frames take, and for which time poses are asked.
     pub(super) pace: Pace,
     /// When the last picture was shown, or it was told why none is.
@@ -133,6 +139,7 @@ impl Presentation<'_> {
             wearer: Wearer::new(self.rest, &self.loaded.scene, &self.config.headset),
             keyboard: if self.config.headset.keyboard { Terminal::open() } else { None },
             controller: None,
+            log: self.log.map(FrameLog::create).transpose()?,
             pace: Pace::default(),
             shown: Instant::now(),
             dark: "",

@@ -5,9 +5,9 @@ use serde::Serialize;
 use crate::cli::output::{self, Percentiles};
 use crate::error::Result;
 use crate::frame::budget::Held;
+use crate::frame::log::Ages;
 use crate::frame::{FrameReport, StageMs};
 use crate::measure::stats::percentile;
-use crate::session::Ages;
 
 /// Frames whose times are kept: the newest of a long run.
 const KEPT: usize = 100_000;
