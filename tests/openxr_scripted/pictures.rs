@@ -87,7 +87,7 @@ fn each_frame_has_light_rays_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path().to_path_buf();
     let script = Script { sessions: dumping(&at, &[4, 5, 6]), ..Script::default() };
-    let (mut command, setup) = command(&at, &script, 8, "--exposure=0");
+    let (mut command, setup) = command(&at, &script, 8, "--exposure=0 --set time.reuse=false");
     write_lit_scene(&at);
     let run = finished(command.output().unwrap(), setup.log(), folder);
     run.is_clean();
