@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// The same scene in a headset, until the wearer or the operator has seen enough.
 fn in_headset(args: &Args, config: &Config, notes: &[String], runtime: Runtime) -> Result<()> {
     let stop = stop_signal()?;
-    let watch = Watchdog::start(stop.clone(), args.options.json);
+    let watch = Watchdog::start(stop.clone(), args.options.config.json);
     let loaded = load(args.scene.as_deref(), config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(notes);

@@ -154,7 +154,9 @@ fn without_a_runtime_one_sentence_says_what_to_do() {
     assert_eq!((output.status.code(), output.stdout.as_slice()), (Some(1), &b""[..]));
     let said = String::from_utf8(output.stderr).unwrap();
     let last = said.trim_end().lines().last().unwrap();
-    assert!(last.starts_with("foveate: no usable OpenXR device: ") && last.contains("install"), "{said}");
+    let names = last.contains("XR_RUNTIME_JSON names ") && last.contains("none.json, which does not exist");
+    assert!(last.starts_with("foveate: no usable OpenXR device: ") && names, "{said}");
+    assert!(last.ends_with("correct the variable, or unset it"), "{said}");
 }
 
 #[test]
