@@ -624,7 +624,7 @@ fn read_text(path: &Path) -> Result<String> {
 
 /// What is wrong with a value, in words of TOML and not of Rust.
 fn refused(key: &str, error: &toml::de::Error) -> Error {
-    const WORDS: [(&str, &str); 9] = [
+    const WORDS: [(&str, &str); 10] = [
         ("expected u32", "expected a whole number, 0 or more"),
         ("expected u64", "expected a whole number, 0 or more"),
         ("expected usize", "expected a whole number, 0 or more"),
@@ -634,6 +634,7 @@ fn refused(key: &str, error: &toml::de::Error) -> Error {
         ("expected a sequence", "expected a list"),
         ("invalid type: sequence", "invalid type: a list"),
         ("invalid type: map", "invalid type: a section"),
+        ("expected struct OperatingPoint", "expected a section"),
     ];
     let what =
         WORDS.iter().fold(error.message().trim_end().to_string(), |what, (from, to)| what.replace(from, to));

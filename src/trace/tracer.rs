@@ -335,9 +335,9 @@ impl Tracer {
         let needed = if settings.guided { view.pixels() } else { pattern.whole.samples.len() };
         if self.hits.len() < needed {
             self.hits = untraced(&self.device, needed)?;
-            if self.may_blend {
-                self.alphas = Buffer::from_slice(&self.device, &vec![0; needed])?;
-            }
+        }
+        if self.may_blend && self.alphas.len() < needed {
+            self.alphas = Buffer::from_slice(&self.device, &vec![0; needed])?;
         }
         self.counters.write(&[0, 0])?;
         let camera = camera(view, self.anchor, settings);

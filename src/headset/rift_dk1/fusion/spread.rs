@@ -74,6 +74,7 @@ mod tests {
             assert!(now.angle_between(shown) < 0.02, "{millisecond}: {}", now.angle_between(shown));
             shown = now;
         }
-        assert!(shown.angle_between(after) < 1e-12);
+        // An arc cosine near one is no better than that.
+        assert!(shown.angle_between(after) < 1e-7);
     }
 }
