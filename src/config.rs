@@ -624,7 +624,8 @@ fn read_text(path: &Path) -> Result<String> {
 
 /// What is wrong with a value, in words of TOML and not of Rust.
 fn refused(key: &str, error: &toml::de::Error) -> Error {
-    const WORDS: [(&str, &str); 10] = [
+    const WORDS: [(&str, &str); 11] = [
+        ("invalid type: unit variant, expected string only", "expected one of its names as text"),
         ("expected u32", "expected a whole number, 0 or more"),
         ("expected u64", "expected a whole number, 0 or more"),
         ("expected usize", "expected a whole number, 0 or more"),
@@ -957,7 +958,7 @@ mod tests {
                 let Err(error) = Layers::default().assign(&format!("{key}={value}")) else { continue };
                 let message = error.to_string();
                 refused += 1;
-                for word in message.split(|c: char| !c.is_ascii_alphanumeric()) {
+                for word in message.replace(key, "").split(|c: char| !c.is_ascii_alphanumeric()) {
                     let rust = [
                         "u8", "u32", "u64", "usize", "i64", "f32", "f64", "bool", "struct", "enum",
                         "sequence", "map", "untagged", "newtype", "tuple", "unit",

@@ -162,7 +162,7 @@ fn an_interrupted_run_leaves_whole_files() {
         assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
-    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
     assert!(!child.wait().unwrap().success());
     let pictures: Vec<String> = names(&out).into_iter().filter(|name| name.ends_with(".png")).collect();
     assert!(pictures.len() >= 3);

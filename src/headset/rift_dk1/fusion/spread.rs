@@ -62,7 +62,7 @@ mod tests {
         spread.correct(before, after);
         let mut shown = spread.offset() * after;
         assert!(shown.angle_between(before) < 1e-9);
-        for millisecond in 0..400 {
+        for millisecond in 0..403 {
             spread.pass(1e-3);
             if millisecond == 100 {
                 // Another one on the way.
