@@ -46,7 +46,13 @@ impl LightCache {
             forget_cells: program.kernel("forget_cells")?,
             walk,
             memory: None,
-            info: CacheInfo { frame: 0, half_life: HALF_LIFE, lifetime: LIFETIME, ..scene.cache },
+            info: CacheInfo {
+                frame: 0,
+                paths: PATHS,
+                half_life: HALF_LIFE,
+                lifetime: LIFETIME,
+                ..scene.cache
+            },
         })
     }
 
