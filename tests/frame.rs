@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use foveate::bvh::WideBvh;
-use foveate::config::{Config, Method, Samples, Stereo, TimeConfig};
+use foveate::config::{Config, Indirect, Method, Samples, Stereo, TimeConfig};
 use foveate::foveation::BitMask;
 use foveate::frame::stereo::parallel_eyes;
 use foveate::frame::{Loaded, Output, Plan, Renderer, Shot};
@@ -39,6 +39,8 @@ fn config(method: Method, samples: Samples, rays: u32) -> Config {
     config.reconstruction.method = method;
     config.foveation.samples = samples;
     config.trace.rays = rays;
+    // All pictures have the light of the sky and the sun alone.
+    config.trace.indirect = Indirect::Paths;
     config
 }
 

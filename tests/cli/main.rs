@@ -46,9 +46,11 @@ fn foveate(folder: &Path, arguments: &str) -> Run {
 }
 
 impl Run {
-    /// It did what was asked, without a word of complaint.
+    /// It did what was asked, without a word of complaint; the demo tells why it shows no headset.
     fn succeeds(self) -> Self {
-        assert_eq!((self.code, self.err.as_str()), (Some(0), ""), "{self:?}");
+        const STANDS_IN: &str = "foveate: note: a mock headset stands in for a real one: ";
+        let complaints: Vec<&str> = self.err.lines().filter(|line| !line.starts_with(STANDS_IN)).collect();
+        assert_eq!((self.code, complaints.as_slice()), (Some(0), &[][..]), "{self:?}");
         self
     }
 
