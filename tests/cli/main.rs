@@ -48,10 +48,14 @@ fn foveate(folder: &Path, arguments: &str) -> Run {
 impl Run {
     /// It did what was asked, without a word of complaint; the demo tells why it shows no headset.
     fn succeeds(self) -> Self {
-        const STANDS_IN: &str = "foveate: note: a mock headset stands in for a real one: ";
-        let complaints: Vec<&str> = self.err.lines().filter(|line| !line.starts_with(STANDS_IN)).collect();
-        assert_eq!((self.code, complaints.as_slice()), (Some(0), &[][..]), "{self:?}");
+        assert_eq!((self.code, self.complaints().as_str()), (Some(0), ""), "{self:?}");
         self
+    }
+
+    /// What it said beside that note.
+    fn complaints(&self) -> String {
+        const STANDS_IN: &str = "foveate: note: a mock headset stands in for a real one: ";
+        self.err.split_inclusive('\n').filter(|line| !line.starts_with(STANDS_IN)).collect()
     }
 
     /// Its one JSON object.
@@ -75,7 +79,8 @@ impl Run {
             return format!("foveate: {}", self.refusal().1);
         }
         assert_eq!((self.code, self.out.as_str()), (Some(1), ""), "{self:?}");
-        let (first, rest) = self.err.split_once('\n').expect("a line");
+        let complaints = self.complaints();
+        let (first, rest) = complaints.split_once('\n').expect("a line");
         assert!(first.starts_with("foveate: ") && first.len() > 20 && rest.is_empty(), "{self:?}");
         assert!(!first.contains("os error"), "says what the system says, not what to do: {first}");
         first.to_string()
