@@ -8,13 +8,13 @@
 //! pass over the pixels takes with and without the correction.
 
 use foveate::config::{Config, Method};
-use foveate::frame::{Loaded, Output, Renderer, Shot};
+use foveate::frame::{Loaded, Output, Renderer, ViewRequest};
 use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, ContextOptions, Format, Image};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::metric::Viewing;
-use foveate::measure::{Picture, compare};
+use foveate::metrics::metric::Viewing;
+use foveate::metrics::{Picture, compare};
 use foveate::reconstruct;
 use foveate::scene::{default_viewpoint, generate};
 use glam::{DQuat, DVec3};
@@ -97,8 +97,8 @@ fn picture(
     let gaze = traced.optical_centre();
     let output = reconstruct::Output::whole(image.target(), 0.0);
     let outputs = vec![reconstruct::Output { source: [margin; 2], ..output }];
-    let shot = Shot { view: traced, gaze, widening: 1.0, hidden: None, outputs };
-    let report = renderer.shoot(&[shot], seed, &mut |_| shown_from).expect("a frame");
+    let request = ViewRequest { view: traced, gaze, widening: 1.0, hidden: None, outputs };
+    let report = renderer.render_views(&[request], seed, &mut |_| shown_from).expect("a frame");
     let pixels: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().expect("pixels"));
     let picture = Picture::new(view.width, view.height, pixels.iter().map(|p| [p[0], p[1], p[2]]).collect());
     (picture.expect("finite pixels"), report.stages.reconstruct)

@@ -7,19 +7,19 @@
 //! nothing new (white vertex colours, textures that nothing uses) against what it takes without them. Building is
 //! processor time of a build that nothing was kept of. Prints a table in Markdown.
 
+use foveate::bench::cpu_time;
 use foveate::bvh::WideBvh;
 use foveate::config::Config;
 use foveate::foveation::Pattern;
 use foveate::gpu::opencl::{Buffer, Device, device};
 use foveate::layout::{SampleRecord, VisibilityRecord};
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::stats::{median, percentile};
+use foveate::metrics::stats::{median, percentile};
 use foveate::scene::texture::{Texture, Wrap};
 use foveate::scene::{
     AlphaMode, Environment, Features, Glass, Material, Scene, TextureRef, default_viewpoint, generate,
 };
-use foveate::speed::cpu_time;
-use foveate::trace::{SceneData, Settings, TracePattern, Tracer, Walk, warm};
+use foveate::trace::{SceneData, Settings, TracePattern, Tracer, Traversal, warm};
 use glam::{DVec2, Vec3, Vec4};
 use std::path::Path;
 
@@ -172,7 +172,7 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
     let config = Config::default().without_reuse();
     let light = Environment::constant(Vec3::ONE);
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-    let walk = Walk::for_device(device);
+    let traversal = Traversal::for_device(device);
     let none = Features::default();
     assert_eq!(Features::required_by(scene, &light), none);
     let eye = default_viewpoint(scene, config.view.fov_y);
@@ -180,7 +180,8 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
     let view = View { world_from_eye: eye.world_from_eye, fov, width: WIDTH, height: HEIGHT };
     let pattern = Pattern::new(&view, &config.foveation.law, DVec2::splat(0.5), SAMPLES);
     let open = |features: &Features| {
-        let tracer = Tracer::with_features(device, scene, &bvh, &light, features, walk).expect("kernels");
+        let tracer =
+            Tracer::with_features(device, scene, &bvh, &light, features, traversal).expect("kernels");
         Variant {
             pattern: tracer.pattern(&pattern).expect("a pattern"),
             samples: Buffer::new(device, pattern.samples.len()).expect("memory"),
@@ -211,7 +212,7 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
     }
     let bytes = |scene: &Scene| -> f64 {
         let data = SceneData::pack(scene, &bvh, &light).expect("a scene that can be packed");
-        data.bytes(walk.into()).iter().map(|b| b.bytes as f64).sum()
+        data.bytes(traversal.into()).iter().map(|b| b.bytes as f64).sum()
     };
     let least = bytes(scene);
     let memory = variants().iter().map(|(_, f)| bytes(&pretend(scene.clone(), f)) / least).collect();
@@ -223,7 +224,7 @@ fn builds(device: &Device) -> Vec<f64> {
     let build = |features: &Features| -> f64 {
         let before = cpu_time::of_all_threads();
         let times =
-            warm::kernel_times(device, features, 12, Walk::for_device(device), true).expect("kernels");
+            warm::kernel_times(device, features, 12, Traversal::for_device(device), true).expect("kernels");
         match (before, cpu_time::of_all_threads()) {
             (Some(before), Some(after)) if after > before => (after - before) as f64,
             _ => times.cold_ms.unwrap_or(f64::NAN),

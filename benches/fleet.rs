@@ -11,18 +11,18 @@ mod slow;
 use std::sync::Arc;
 use std::time::Instant;
 
+use foveate::bench::cpu_time;
 use foveate::config::{Config, Samples};
 use foveate::foveation::{Law, Pattern, Workload};
 use foveate::frame::balance::{Balancer, Observation, Slice};
-use foveate::frame::{Crew, FrameReport, Loaded, Output, Plan, Renderer};
+use foveate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Scheduler};
 use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::stats::{median, percentile};
+use foveate::metrics::stats::{median, percentile};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::speed::cpu_time;
-use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData, Walk};
+use foveate::trace::{DeviceWorker, Fleet, Opener, SceneData, Traversal, Worker};
 use glam::DVec2;
 
 /// Frames that do not count: shares settle, and drivers finish building kernels.
@@ -105,14 +105,16 @@ fn sharing(frames: usize, factor: u32) {
     let opener = |index: usize, times: u32| -> (String, Opener) {
         let (device, data) = (parts[index].clone(), data.clone());
         let open: Opener = Box::new(move |_| {
-            let hand = DeviceHand::new(&device, &data, Walk::for_device(&device).into(), false)?;
-            Ok(Box::new(slow::Slow { hand, times }) as Box<dyn Hand>)
+            let worker = DeviceWorker::new(&device, &data, Traversal::for_device(&device).into(), false)?;
+            Ok(Box::new(slow::Slow { worker, times }) as Box<dyn Worker>)
         });
         (parts[index].info().name.clone(), open)
     };
     let renderer = |openers: Vec<(String, Opener)>| {
-        let crew = Crew::new(Fleet::new(openers).expect("devices"), None);
-        Renderer::with_crew(crew, &context, &loaded, &config, Output::Display).expect("a renderer").0
+        let scheduler = Scheduler::new(Fleet::new(openers).expect("devices"), None);
+        Renderer::with_scheduler(scheduler, &context, &loaded, &config, Output::Display)
+            .expect("a renderer")
+            .0
     };
     let mut fleets = [
         ("one half", renderer(vec![opener(0, 1)])),

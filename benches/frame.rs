@@ -12,9 +12,9 @@ use foveate::frame::{FrameReport, Loaded, Output, Plan, Renderer};
 use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::metric::Viewing;
-use foveate::measure::stats::{median, percentile};
-use foveate::measure::{Display, Picture, compare};
+use foveate::metrics::metric::Viewing;
+use foveate::metrics::stats::{median, percentile};
+use foveate::metrics::{Display, Picture, compare};
 use foveate::scene::{default_viewpoint, generate};
 
 const WIDTH: u32 = 1280;

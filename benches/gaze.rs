@@ -10,7 +10,7 @@ use foveate::foveation::{Law, Pattern};
 use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::stats::median;
+use foveate::metrics::stats::median;
 use foveate::reconstruct::{Mode, Reconstruction, Settings};
 use glam::DVec2;
 

@@ -6,6 +6,7 @@
 //! of 9 pixels, relative to the mean. Then frames with the cache and with direct light only in turns: the least time and
 //! the least processor time of each. Tables in Markdown.
 
+use foveate::bench::cpu_time;
 use foveate::config::{Config, Indirect, Method, Samples};
 use foveate::foveation::Law;
 use foveate::frame::{Loaded, Output, Plan, Renderer};
@@ -14,7 +15,6 @@ use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::speed::cpu_time;
 use glam::DVec3;
 
 /// Pixels to each side that a blur averages.

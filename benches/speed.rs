@@ -17,16 +17,16 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use embree::Embree;
+use foveate::bench::{Workload, cpu_time, export};
 use foveate::bvh::WideBvh;
 use foveate::config::{Config, Layers};
 use foveate::foveation::{Law, Pattern};
 use foveate::frame::Loaded;
 use foveate::gpu::opencl::{Device, device};
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::stats::{median, percentile};
+use foveate::metrics::stats::{median, percentile};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::speed::{Workload, cpu_time, export};
-use foveate::trace::Walk;
+use foveate::trace::Traversal;
 use foveate::trace::probe::{Probe, RayKind, shape_of};
 
 struct Arguments {
@@ -117,7 +117,7 @@ fn measure(
     let start = Instant::now();
     let tree = WideBvh::build(positions, triangles);
     let build_ms = start.elapsed().as_secs_f64() * 1e3;
-    let mut probe = Probe::new(device, &shape, &tree, Walk::for_device(device)).expect("kernels");
+    let mut probe = Probe::new(device, &shape, &tree, Traversal::for_device(device)).expect("kernels");
     let work = Workload::new(&mut probe, &shape, &tree, view, pattern).expect("rays");
     let file = arguments.out.join("rays.bin");
     export::write(&file, &shape, &work, &probe).expect("a file of rays");

@@ -8,7 +8,7 @@ use foveate::headset::rift_dk1::clock::HostClock;
 use foveate::headset::rift_dk1::fusion::Fusion;
 use foveate::headset::rift_dk1::report::SensorReport;
 use foveate::headset::rift_dk1::simulate::{Faults, HeadMotion, Stream, Surroundings, Unit};
-use foveate::measure::stats::percentile;
+use foveate::metrics::stats::percentile;
 
 /// Reports: a minute.
 const REPORTS: usize = 30_000;

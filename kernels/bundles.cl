@@ -3,7 +3,7 @@
 
 #if SINGLE_RAYS
 // Ray k of bundle i is item 32 i + k; bit k of hidden[i] says whether it hits something.
-__kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+__kernel void occluded_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global uint *hidden)
 {
     Scene scene = SCENE_ARGUMENTS;
@@ -19,7 +19,7 @@ __kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __gl
 }
 
 // hits[32 * i + k]: the nearest hit of ray k of bundle i.
-__kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+__kernel void intersect_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
@@ -32,7 +32,7 @@ __kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __gl
     hits[i] = hit;
 }
 #else
-static void send_bundle(Walker *w, __global const float *origins, __global const float *directions, uint i)
+static void send_bundle(TraversalState *w, __global const float *origins, __global const float *directions, uint i)
 {
     for (uint k = 0; k < 32u; ++k)
         set_ray(&w->rays, k, gload3(directions + 3u * (32u * i + k)), INFINITY);
@@ -42,32 +42,32 @@ static void send_bundle(Walker *w, __global const float *origins, __global const
 }
 
 // Bit k of hidden[i]: ray k of bundle i hits something.
-__kernel void hide_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+__kernel void occluded_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global uint *hidden)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint2 range = share_of_item(count);
-    Walker walkers[STREAMS];
+    TraversalState states[STREAMS];
     for (uint i = range.x; i < range.y; ++i)
-        send_bundle(&walkers[i - range.x], origins, directions, i);
-    hide_streams(&scene, walkers, range.y - range.x);
+        send_bundle(&states[i - range.x], origins, directions, i);
+    occluded_streams(&scene, states, range.y - range.x);
     for (uint i = range.x; i < range.y; ++i)
-        hidden[i] = walkers[i - range.x].hits;
+        hidden[i] = states[i - range.x].hits;
 }
 
 // hits[32 * i + k]: the nearest hit of ray k of bundle i.
-__kernel void meet_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+__kernel void intersect_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
                            __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint2 range = share_of_item(count);
-    Walker walkers[STREAMS];
+    TraversalState states[STREAMS];
     for (uint i = range.x; i < range.y; ++i)
-        send_bundle(&walkers[i - range.x], origins, directions, i);
-    find_streams(&scene, walkers, range.y - range.x);
+        send_bundle(&states[i - range.x], origins, directions, i);
+    intersect_streams(&scene, states, range.y - range.x);
     for (uint i = range.x; i < range.y; ++i)
         for (uint k = 0; k < 32u; ++k) {
-            const Stream *rays = &walkers[i - range.x].rays;
+            const Stream *rays = &states[i - range.x].rays;
             HitRecord hit = {rays->triangle[k], rays->t_max[k]};
             hits[32u * i + k] = hit;
         }

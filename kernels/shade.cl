@@ -45,7 +45,7 @@ static bool is_looking(const Shading *shading, uint sample, uint ray, uint seed)
 }
 
 // Sets ray i of a stream, whose light counts by 1 / (density * rays).
-static void set_light_ray(const Shading *shading, Sample *sample, uint i, float3 light, float t_max, float density, Walker *w)
+static void set_light_ray(const Shading *shading, Sample *sample, uint i, float3 light, float t_max, float density, TraversalState *w)
 {
     Reflection r = reflection(&sample->surface, sample->f0, sample->view, light);
     float scale = 1.0f / (density * (float)shading->rays);
@@ -56,7 +56,7 @@ static void set_light_ray(const Shading *shading, Sample *sample, uint i, float3
 
 #if HAS_EMITTERS
 // Aims ray i of a stream at an emitter.
-static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, uint i, float choice, uint2 u, Walker *w)
+static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, uint i, float choice, uint2 u, TraversalState *w)
 {
     const Surface *s = &sample->surface;
     Aim aim;
@@ -90,7 +90,7 @@ static bool finds_surfaces(const Shading *shading)
 #define SMOOTH_ALPHA 0.1f
 
 // Aims a stream of light rays: those from `first_ray` on.
-static void aim_stream(const Scene *scene, const Shading *shading, Sample *sample, uint first_ray, uint seed, Walker *w)
+static void aim_stream(const Scene *scene, const Shading *shading, Sample *sample, uint first_ray, uint seed, TraversalState *w)
 {
     const Surface *s = &sample->surface;
     uint n = min(shading->rays - first_ray, 32u), index = sample->index;
@@ -144,26 +144,26 @@ static uint aimed_rays(const Sample *sample)
 }
 
 // Traces the streams that were aimed. With bounces, reflected rays look for the nearest surface instead of any.
-static void trace_streams(const Scene *scene, const Shading *shading, Sample *samples, Walker *walkers, uint n)
+static void trace_streams(const Scene *scene, const Shading *shading, Sample *samples, TraversalState *states, uint n)
 {
-    hide_streams(scene, walkers, n);
+    occluded_streams(scene, states, n);
     for (uint k = 0; k < n; ++k) {
-        samples[k].lost = walkers[k].hits;
+        samples[k].lost = states[k].hits;
         samples[k].hits = 0;
-        walkers[k].mask = samples[k].bounced | aimed_rays(&samples[k]);
+        states[k].mask = samples[k].bounced | aimed_rays(&samples[k]);
     }
     if (!finds_surfaces(shading))
         return;
-    find_streams(scene, walkers, n);
+    intersect_streams(scene, states, n);
     for (uint k = 0; k < n; ++k) {
         // Surfaces are seen from their fronts by all rays that look for emitters, however they were chosen.
         Sample *sample = &samples[k];
-        sample->hits = walkers[k].hits & sample->bounced;
-        sample->lost |= walkers[k].hits & aimed_rays(sample);
+        sample->hits = states[k].hits & sample->bounced;
+        sample->lost |= states[k].hits & aimed_rays(sample);
         // What passes behind a single-sided surface is still kept from the sky by it.
         for (uint left = sample->bounced & ~sample->hits; left; left &= left - 1u) {
             uint i = lowest_bit(left);
-            sample->lost |= (walkers[k].rays.triangle[i] == BACK_MET ? 1u : 0u) << i;
+            sample->lost |= (states[k].rays.triangle[i] == BACK_MET ? 1u : 0u) << i;
         }
     }
 }
@@ -171,7 +171,7 @@ static void trace_streams(const Scene *scene, const Shading *shading, Sample *sa
 // The light of ray i, which a surface has sent. It is found by reflected rays alone, so it counts by their density;
 // emitters' light by that of rays aimed at them, too.
 static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint i,
-                               uint seed, const Walker *w, uint *rays)
+                               uint seed, const TraversalState *w, uint *rays)
 {
     float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
     uint place = w->rays.triangle[i];
@@ -189,7 +189,7 @@ static float3 light_of_surface(const Scene *scene, const Shading *shading, const
 
 // Adds the light of a stream that is traced.
 static uint add_stream(const Scene *scene, const Shading *shading, const Cache *cache, Sample *sample, uint first_ray, uint seed,
-                       Walker *w)
+                       TraversalState *w)
 {
     uint all = sample->straight | sample->bounced | aimed_rays(sample), rays = popcount(all);
     for (uint left = all & ~sample->lost; left; left &= left - 1u) {
@@ -214,7 +214,7 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
 
 #if HAS_SUN
 // Aims n rays at the sun's disc, for the half-shadows that pixels' single rays to its centre do not have.
-static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uint seed, Walker *w)
+static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uint seed, TraversalState *w)
 {
     uint mask = 0;
     for (uint i = 0; i < n; ++i) {
@@ -231,7 +231,7 @@ static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uin
 
 // Looks at what the sample at pixel `at` sees, and prepares its walker.
 static void begin_sample(const Scene *scene, const Camera *camera, const Shading *shading, uint index, uint at, HitRecord hit,
-                         Sample *sample, Walker *w)
+                         Sample *sample, TraversalState *w)
 {
     float3 d = camera_ray(camera, at & 0xffffu, at >> 16);
     sample->index = index;
@@ -337,25 +337,25 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     Cache cache = {keys, cells, 0, load3(camera.origin), info.least};
     uint2 range = share_of_item(count);
     uint n = range.y - range.x, rays = 0;
-    Walker walkers[STREAMS];
+    TraversalState states[STREAMS];
     Sample mine[STREAMS];
     for (uint k = 0; k < n; ++k) {
         uint index = first + range.x + k, at = samples[index];
         HitRecord hit = hits[shading.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : index];
-        begin_sample(&scene, &camera, &shading, index, at, hit, &mine[k], &walkers[k]);
+        begin_sample(&scene, &camera, &shading, index, at, hit, &mine[k], &states[k]);
     }
 #if HAS_SUN
     uint towards_sun = shading.guided ? min((uint)((float)shading.rays * shading.sun_share), 32u) : 0u;
     if (towards_sun > 0u) {
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
-                aim_at_sun(&shading, &mine[k], towards_sun, camera.seed, &walkers[k]);
-        hide_streams(&scene, walkers, n);
+                aim_at_sun(&shading, &mine[k], towards_sun, camera.seed, &states[k]);
+        occluded_streams(&scene, states, n);
         for (uint k = 0; k < n; ++k) {
             if (!mine[k].lit)
                 continue;
             uint at = samples[mine[k].index];
-            float seen = (float)popcount(walkers[k].mask & ~walkers[k].hits) / (float)towards_sun;
+            float seen = (float)popcount(states[k].mask & ~states[k].hits) / (float)towards_sun;
             // Pixels of some surfaces have the sun's light already: see visibility.cl.
             seen = describes_itself(&mine[k].surface) ? 0.0f : seen;
             uint centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31;
@@ -368,17 +368,17 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     for (uint ray = 0; ray < shading.rays; ray += 32u) {
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
-                aim_stream(&scene, &shading, &mine[k], ray, camera.seed, &walkers[k]);
-        trace_streams(&scene, &shading, mine, walkers, n);
+                aim_stream(&scene, &shading, &mine[k], ray, camera.seed, &states[k]);
+        trace_streams(&scene, &shading, mine, states, n);
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
-                rays += add_stream(&scene, &shading, &cache, &mine[k], ray, camera.seed, &walkers[k]);
+                rays += add_stream(&scene, &shading, &cache, &mine[k], ray, camera.seed, &states[k]);
     }
     uint lost = 0;
     for (uint k = 0; k < n; ++k) {
         Sample *sample = &mine[k];
         if (sample->lit)
-            rays += add_punctual(&scene, &shading, &sample->surface, sample->f0, sample->view, walkers[k].seed, &sample->sum);
+            rays += add_punctual(&scene, &shading, &sample->surface, sample->f0, sample->view, states[k].seed, &sample->sum);
 #if HAS_GLASS
         if (sample->lit)
             rays += add_glass_light(&scene, &shading, &cache, sample, camera.seed);

@@ -14,12 +14,12 @@ pub use scene::SceneConfig;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
+use crate::bench::Choice;
 use crate::error::{Error, Result};
 use crate::foveation::Law;
 use crate::gpu::opencl::Device;
-use crate::measure::picture::MAX_PIXELS;
+use crate::metrics::picture::MAX_PIXELS;
 use crate::scene::sky::Sky;
-use crate::speed::Choice;
 use crate::trace;
 
 /// Everything that can be set. [`Config::default`] is the truth; `configs/default.toml` repeats it with
@@ -163,7 +163,7 @@ pub struct TraceConfig {
     /// Seed of the random numbers: the same picture for the same seed on the same device.
     pub seed: u32,
     /// Which variant of the kernels is used.
-    pub walk: WalkConfig,
+    pub traversal: TraversalConfig,
 }
 
 /// Where light comes from that surfaces have reflected.
@@ -179,22 +179,22 @@ pub enum Indirect {
 /// A variant of the kernels, or the fastest ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum WalkConfig {
+pub enum TraversalConfig {
     /// The fastest for each kind of ray, by a measurement at the device's first start.
     Auto,
     /// Rays that belong together share a work-item.
-    Together,
+    Packet,
     /// A work-item follows one ray after the other.
-    Alone,
+    SingleRay,
 }
 
-impl WalkConfig {
+impl TraversalConfig {
     /// The variant that is forced, if any is.
-    pub fn forced(self) -> Option<trace::Walk> {
+    pub fn forced(self) -> Option<trace::Traversal> {
         match self {
-            WalkConfig::Auto => None,
-            WalkConfig::Together => Some(trace::Walk::Together),
-            WalkConfig::Alone => Some(trace::Walk::Alone),
+            TraversalConfig::Auto => None,
+            TraversalConfig::Packet => Some(trace::Traversal::Packet),
+            TraversalConfig::SingleRay => Some(trace::Traversal::SingleRay),
         }
     }
 
@@ -204,11 +204,11 @@ impl WalkConfig {
     }
 }
 
-impl From<trace::Walk> for WalkConfig {
-    fn from(walk: trace::Walk) -> WalkConfig {
-        match walk {
-            trace::Walk::Together => WalkConfig::Together,
-            trace::Walk::Alone => WalkConfig::Alone,
+impl From<trace::Traversal> for TraversalConfig {
+    fn from(traversal: trace::Traversal) -> TraversalConfig {
+        match traversal {
+            trace::Traversal::Packet => TraversalConfig::Packet,
+            trace::Traversal::SingleRay => TraversalConfig::SingleRay,
         }
     }
 }
@@ -415,7 +415,14 @@ impl Default for FoveationConfig {
 impl Default for TraceConfig {
     fn default() -> Self {
         let indirect = Indirect::Cache;
-        TraceConfig { rays: 32, bounces: 0, indirect, edge_rays: 2, seed: 0, walk: WalkConfig::Auto }
+        TraceConfig {
+            rays: 32,
+            bounces: 0,
+            indirect,
+            edge_rays: 2,
+            seed: 0,
+            traversal: TraversalConfig::Auto,
+        }
     }
 }
 
@@ -533,6 +540,9 @@ impl Layers {
                 "no key has so many dots; configs/default.toml lists every key",
             ));
         }
+        if let Some((_, now)) = RENAMED.iter().find(|(old, _)| *old == key) {
+            return Err(Error::setting(key, format!("it is called {now} now")));
+        }
         let nested = key
             .rsplit('.')
             .fold(value.into(), |inner, part| Value::Table(Table::from_iter([(part.to_string(), inner)])));
@@ -598,6 +608,10 @@ impl Layers {
         self.table.clone().try_into().map_err(|e: toml::de::Error| refused("configuration", &e))
     }
 }
+
+/// Keys of earlier versions, and what they are called now.
+const RENAMED: [(&str, &str); 1] =
+    [("trace.walk", "trace.traversal, with the values \"auto\", \"packet\" and \"single-ray\"")];
 
 /// Parts of a key at most.
 const MAX_DEPTH: usize = 8;
@@ -753,6 +767,18 @@ mod tests {
         let text = std::fs::read_to_string(path).unwrap();
         let table: Table = text.parse().unwrap();
         assert_eq!(table, Table::try_from(Config::default()).unwrap());
+    }
+
+    #[test]
+    fn old_keys_are_answered_by_the_new_ones() {
+        for (old, _) in RENAMED {
+            let told = Layers::default().assign(&format!("{old}=alone")).unwrap_err().to_string();
+            assert!(told.contains(old) && told.contains("trace.traversal"), "{told}");
+            assert!(!Layers::default().gives(old));
+        }
+        let mut layers = Layers::default();
+        layers.assign("trace.traversal=single-ray").unwrap();
+        assert_eq!(layers.finish().unwrap().trace.traversal, TraversalConfig::SingleRay);
     }
 
     #[test]

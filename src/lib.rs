@@ -23,8 +23,8 @@ pub mod reference;
 
 pub mod gpu;
 
+pub mod bench;
 pub mod reconstruct;
-pub mod speed;
 pub mod trace;
 
 pub mod headset;
@@ -33,9 +33,9 @@ pub mod frame;
 
 pub mod session;
 
-pub mod measure;
+pub mod metrics;
 
-pub mod trade;
+pub mod tradeoff;
 
 pub mod cli;
 

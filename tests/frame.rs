@@ -8,14 +8,14 @@ use foveate::bvh::WideBvh;
 use foveate::config::{Config, Indirect, Method, Samples, Stereo, TimeConfig};
 use foveate::foveation::BitMask;
 use foveate::frame::stereo::parallel_eyes;
-use foveate::frame::{Loaded, Output, Plan, Renderer, Shot};
+use foveate::frame::{Loaded, Output, Plan, Renderer, ViewRequest};
 use foveate::gpu::interop::{self, Sharing};
 use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, Format, Image};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::Picture;
-use foveate::measure::metric::{Viewing, compare};
+use foveate::metrics::Picture;
+use foveate::metrics::metric::{Viewing, compare};
 use foveate::reconstruct;
 use foveate::scene::generate::voxel_town;
 use glam::{DQuat, DVec2, DVec3};
@@ -271,8 +271,8 @@ fn shown(
 ) -> (Picture, usize) {
     let image = Image::new(context, Format::R32G32B32A32_SFLOAT, view.width, view.height).unwrap();
     let outputs = vec![reconstruct::Output::whole(image.target(), 0.0)];
-    let shot = Shot { view, gaze: view.optical_centre(), widening: 1.0, hidden, outputs };
-    let report = renderer.shoot(&[shot], 3, &mut |_| from).unwrap();
+    let request = ViewRequest { view, gaze: view.optical_centre(), widening: 1.0, hidden, outputs };
+    let report = renderer.render_views(&[request], 3, &mut |_| from).unwrap();
     let pixels: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().unwrap());
     let rgb = pixels.iter().map(|p| [p[0], p[1], p[2]]).collect();
     (Picture::new(view.width, view.height, rgb).unwrap(), report.samples)

@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
+use foveate::bench::Workload;
+use foveate::bench::workload::camera_direction;
 use foveate::bvh::wide::Cost;
 use foveate::scene::Scene;
-use foveate::speed::Workload;
-use foveate::speed::workload::camera_direction;
 use foveate::trace::probe::{BUNDLE, RayKind};
 use glam::{Vec3, Vec3A};
 use obvhs::BvhBuildParams;

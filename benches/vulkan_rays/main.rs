@@ -15,16 +15,16 @@ mod judge;
 
 use std::path::PathBuf;
 
+use foveate::bench::workload::camera_direction;
+use foveate::bench::{Choice, Workload};
 use foveate::config::{Config, Layers};
 use foveate::foveation::{Law, Pattern};
 use foveate::frame::Loaded;
 use foveate::gpu::opencl::{Device, device};
 use foveate::layout::HitRecord;
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::stats::{median, percentile};
+use foveate::metrics::stats::{median, percentile};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::speed::workload::camera_direction;
-use foveate::speed::{Choice, Workload};
 use foveate::trace::probe::{BUNDLE, Probe, RayKind, shape_of};
 use gpu::{Gpu, Rays, Way};
 use judge::Judge;
@@ -89,11 +89,11 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     // A graphics card before a processor.
     let info = device::list().into_iter().filter(|d| d.unusable.is_none()).min_by_key(|d| d.kind != "gpu");
     let device = Device::open(&info.ok_or("there is no OpenCL device")?).map_err(text)?;
-    let walks = Choice::of(&device).walks;
-    let open = |walk| Probe::new(&device, &shape, &tree, walk).map_err(text);
-    let mut probes = vec![open(walks.pixels)?];
-    if walks.bundles != walks.pixels {
-        probes.push(open(walks.bundles)?);
+    let traversals = Choice::of(&device).traversals;
+    let open = |traversal| Probe::new(&device, &shape, &tree, traversal).map_err(text);
+    let mut probes = vec![open(traversals.pixels)?];
+    if traversals.bundles != traversals.pixels {
+        probes.push(open(traversals.bundles)?);
     }
     let work = Workload::new(&mut probes[0], &shape, &tree, view, pattern).map_err(text)?;
     probes[1..].iter_mut().try_for_each(|probe| work.load(probe)).map_err(text)?;

@@ -111,7 +111,7 @@ static uint chance_at(float3 origin, uint seed)
 }
 
 // One ray against one leaf from its own origin: for what rounding or alpha leaves open.
-static bool meet_leaf_alone(const Scene *scene, const Beam *b, uint first, uint n, uint ray, uint seed)
+static bool intersect_leaf_single(const Scene *scene, const Beam *b, uint first, uint n, uint ray, uint seed)
 {
     float3 q = origin_of(b, ray);
     Leaf leaf;
@@ -119,11 +119,11 @@ static bool meet_leaf_alone(const Scene *scene, const Beam *b, uint first, uint 
     load_planes(&leaf);
     float t_max = INFINITY;
     uint triangle;
-    return meet_leaf(scene, &leaf, first, n, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed));
+    return intersect_leaf(scene, &leaf, first, n, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed));
 }
 
-// Meets one triangle with all rays that are still lit; `open` gets those that need `meet_leaf_alone`.
-static ulong meet_beam_lane(const Leaf *l, uint lane, const Beam *b, ulong lit, bool doubtful, ulong *open)
+// Intersects one triangle with all rays that are still lit; `open` gets those that need `intersect_leaf_single`.
+static ulong intersect_beam_lane(const Leaf *l, uint lane, const Beam *b, ulong lit, bool doubtful, ulong *open)
 {
     const float *row = (const float *)l;
     float3 d = b->d;
@@ -164,7 +164,7 @@ static ulong meet_beam_lane(const Leaf *l, uint lane, const Beam *b, ulong lit, 
     return hits;
 }
 
-static ulong meet_leaf_with_beam(const Scene *scene, const Beam *b, uint first, uint n, ulong lit, uint seed)
+static ulong intersect_leaf_with_beam(const Scene *scene, const Beam *b, uint first, uint n, ulong lit, uint seed)
 {
     Leaf leaf;
     load_leaf(scene->leaves + 9u * first, n, b->base, 0.0f, &leaf);
@@ -174,11 +174,11 @@ static ulong meet_leaf_with_beam(const Scene *scene, const Beam *b, uint first, 
         uint lane = lowest_lane(left);
         left &= ~(0xfful << (8u * lane));
         bool doubtful = (scene->triangles[first + lane].packed & TRIANGLE_ALPHA) != 0u;
-        hits |= meet_beam_lane(&leaf, lane, b, lit & ~hits, doubtful, &open);
+        hits |= intersect_beam_lane(&leaf, lane, b, lit & ~hits, doubtful, &open);
     }
     for (open &= ~hits; open; open &= open - 1ul) {
         uint ray = lowest_bit64(open);
-        if (meet_leaf_alone(scene, b, first, n, ray, seed))
+        if (intersect_leaf_single(scene, b, first, n, ray, seed))
             hits |= 1ul << ray;
     }
     return hits;
@@ -236,7 +236,7 @@ __attribute__((noinline)) static ulong trace_beam(const Scene *scene, const Beam
     while (depth && lit) {
         uint link = stack[--depth];
         if (link & LEAF) {
-            lit &= ~meet_leaf_with_beam(scene, b, link & 0x0fffffffu, (link >> 28 & 7u) + 1u, lit, seed);
+            lit &= ~intersect_leaf_with_beam(scene, b, link & 0x0fffffffu, (link >> 28 & 7u) + 1u, lit, seed);
             continue;
         }
         __global const WideNode *node = scene->nodes + link;

@@ -20,7 +20,7 @@ static float3 leaf_corner(__global const float *row, uint n, float3 origin, floa
 }
 
 // Tests one triangle of a leaf of n: true where it is hit (ANY), or a hit nearer than t_max was stored.
-static bool meet_triangle(const Scene *scene, uint place, __global const float *row, uint n, float3 origin, float3 low,
+static bool intersect_triangle(const Scene *scene, uint place, __global const float *row, uint n, float3 origin, float3 low,
                           float3 d, float *t_max, uint *triangle, uint kind, uint seed)
 {
     float3 a = leaf_corner(row, n, origin, low), b = leaf_corner(row + 3u * n, n, origin, low);
@@ -84,7 +84,7 @@ __attribute__((noinline)) static bool trace_ray(const Scene *scene, float3 origi
         if (link & LEAF) {
             uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
             for (uint lane = 0; lane < n; ++lane)
-                if (meet_triangle(scene, first + lane, scene->leaves + 9u * first + lane, n, origin, low, d, t_max, triangle, kind, seed)) {
+                if (intersect_triangle(scene, first + lane, scene->leaves + 9u * first + lane, n, origin, low, d, t_max, triangle, kind, seed)) {
                     found = true;
                     if (kind == ANY)
                         return true;

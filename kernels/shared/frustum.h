@@ -3,7 +3,7 @@
 // Boxes are tested eight at a time against the block as a whole, by the four planes through the eye that
 // bound its rays; what is left meets the rays themselves, sixteen at a time, and so do triangles that
 // cross the block. The hits are those that a stream finds: volumes and distances are computed by the same
-// operations, and whatever rounding leaves open is handed to `meet_leaf`.
+// operations, and whatever rounding leaves open is handed to `intersect_leaf`.
 
 #define BLOCK 8u
 #define ROW_PAIRS 4u
@@ -177,8 +177,8 @@ static int8 lanes_in_frustum(const Leaf *l, const Block *b)
     return ~(negative & positive);
 }
 
-// Meets one triangle of a leaf with all rays; returns those on which `meet_leaf` has to decide.
-static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place, Block *b)
+// Intersects one triangle of a leaf with all rays; returns those on which `intersect_leaf` has to decide.
+static ulong intersect_lane(const Scene *scene, const Leaf *l, uint lane, uint place, Block *b)
 {
     const float *row = (const float *)l;
     float ux = row[72 + lane], uy = row[80 + lane], uz = row[88 + lane];
@@ -216,7 +216,7 @@ static ulong meet_lane(const Scene *scene, const Leaf *l, uint lane, uint place,
 }
 
 // The camera rays of a block meet a leaf.
-static void meet_leaf_with_block(const Scene *scene, Leaf *leaf, uint first, uint n, Block *b, uint seed)
+static void intersect_leaf_with_block(const Scene *scene, Leaf *leaf, uint first, uint n, Block *b, uint seed)
 {
     int8 lanes = lanes_in_frustum(leaf, b) & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
     ulong left = as_ulong(convert_char8(lanes)), open = 0ul;
@@ -225,12 +225,12 @@ static void meet_leaf_with_block(const Scene *scene, Leaf *leaf, uint first, uin
     load_planes(leaf);
     while (left) {
         uint lane = take_lane(&left);
-        open |= meet_lane(scene, leaf, lane, first + lane, b);
+        open |= intersect_lane(scene, leaf, lane, first + lane, b);
     }
     while (open) {
         uint i = lowest_bit64(open);
         open &= open - 1ul;
-        meet_leaf(scene, leaf, first, n, block_ray(b, i), (float *)b->t_max + i, (uint *)b->triangle + i, SEEN, seed);
+        intersect_leaf(scene, leaf, first, n, block_ray(b, i), (float *)b->t_max + i, (uint *)b->triangle + i, SEEN, seed);
     }
 }
 
@@ -283,7 +283,7 @@ static void visit_entry(const Scene *scene, float3 origin, float3 low, Block *b,
         uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
         Leaf leaf;
         load_leaf(scene->leaves + 9u * first, n, origin, low, &leaf);
-        meet_leaf_with_block(scene, &leaf, first, n, b, seed);
+        intersect_leaf_with_block(scene, &leaf, first, n, b, seed);
         w->far = farthest(b);
         return;
     }
@@ -324,7 +324,7 @@ __attribute__((noinline)) static void trace_block(const Scene *scene, float3 ori
     while (take_entry(&w));
 }
 
-// The same for several blocks, which take turns as streams do in `hide_streams`.
+// The same for several blocks, which take turns as streams do in `occluded_streams`.
 __attribute__((noinline)) static void trace_blocks(const Scene *scene, float3 origin, float3 low, Block *blocks, uint count, uint seed)
 {
     BlockWalk walks[BLOCKS];

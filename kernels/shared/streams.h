@@ -27,13 +27,13 @@ typedef struct {
     // What is visited next.
     uint link, active;
 #endif
-} Walker;
+} TraversalState;
 
 #if SINGLE_RAYS
-static void walk_streams(const Scene *scene, Walker *walkers, uint count, uint kind)
+static void traverse_streams(const Scene *scene, TraversalState *states, uint count, uint kind)
 {
     for (uint k = 0; k < count; ++k) {
-        Walker *w = &walkers[k];
+        TraversalState *w = &states[k];
         w->hits = 0;
         for (uint left = w->mask; left; left &= left - 1u) {
             uint i = lowest_bit(left);
@@ -56,7 +56,7 @@ static uint least_lane(float8 values)
 
 // Pushes the children that rays have met, where nearest hits are asked for with the one on top that the first ray
 // enters first. Vectors are moved together by a table and stored whole.
-static void push_met(Walker *w, __global const WideNode *node, int8 met, float8 entry, uint kind)
+static void push_met(TraversalState *w, __global const WideNode *node, int8 met, float8 entry, uint kind)
 {
     uint lanes = (uint)lanes_of(met != 0), count = popcount(lanes), depth = w->depth;
     ulong places = LANES_OF_BITS[lanes];
@@ -74,7 +74,7 @@ static void push_met(Walker *w, __global const WideNode *node, int8 met, float8 
 }
 
 // The rays that an entry still matters to: those without a hit, or a lone one that has no hit before it.
-static uint rays_left(const Walker *w, uint place, uint kind)
+static uint rays_left(const TraversalState *w, uint place, uint kind)
 {
     uint rays = w->masks[place];
     if (kind == ANY)
@@ -84,7 +84,7 @@ static uint rays_left(const Walker *w, uint place, uint kind)
 }
 
 // Takes the next entry, and asks for its memory; false where there is none.
-static bool take_next(const Scene *scene, Walker *w, uint kind)
+static bool take_next(const Scene *scene, TraversalState *w, uint kind)
 {
     uint depth = w->depth, active = 0;
     while (depth && !active)
@@ -96,7 +96,7 @@ static bool take_next(const Scene *scene, Walker *w, uint kind)
     return active != 0;
 }
 
-static void visit_leaf(const Scene *scene, Walker *w, uint kind)
+static void visit_leaf(const Scene *scene, TraversalState *w, uint kind)
 {
     uint first = w->link & 0x0fffffffu, n = (w->link >> 28 & 7u) + 1u, hits = 0;
     Leaf leaf;
@@ -105,26 +105,26 @@ static void visit_leaf(const Scene *scene, Walker *w, uint kind)
     for (uint left = w->active; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
-        if (meet_leaf(scene, &leaf, first, n, d, &w->rays.t_max[i], &w->rays.triangle[i], kind, w->seed))
+        if (intersect_leaf(scene, &leaf, first, n, d, &w->rays.t_max[i], &w->rays.triangle[i], kind, w->seed))
             hits |= 1u << i;
     }
     w->hits |= hits;
 }
 
-static void visit_node(const Scene *scene, Walker *w, uint kind)
+static void visit_node(const Scene *scene, TraversalState *w, uint kind)
 {
     __global const WideNode *node = scene->nodes + w->link;
     float8 entry;
-    int8 met = meet_children(node, w->origin, &w->rays, w->active, &entry);
+    int8 met = intersect_children(node, w->origin, &w->rays, w->active, &entry);
     push_met(w, node, met, entry, kind);
 }
 
-__attribute__((always_inline)) static void walk_streams(const Scene *scene, Walker *walkers, uint count, uint kind)
+__attribute__((always_inline)) static void traverse_streams(const Scene *scene, TraversalState *states, uint count, uint kind)
 {
     // Bit k: whether walker k has something left to visit, and whether it has not yet taken what comes next.
     uint alive = 0, visited = 0;
     for (uint k = 0; k < count; ++k) {
-        Walker *w = &walkers[k];
+        TraversalState *w = &states[k];
         prepare_stream(&w->rays);
         w->hits = 0;
         w->depth = 0;
@@ -136,16 +136,16 @@ __attribute__((always_inline)) static void walk_streams(const Scene *scene, Walk
         for (uint turn = 0; turn < STREAMS; ++turn) {
             uint other = (turn + STREAMS / 2u) % STREAMS;
             if (visited >> other & 1u) {
-                if (!take_next(scene, &walkers[other], kind))
+                if (!take_next(scene, &states[other], kind))
                     alive &= ~(1u << other);
                 visited &= ~(1u << other);
             }
             if (!(alive >> turn & 1u))
                 continue;
-            if (walkers[turn].link & LEAF)
-                visit_leaf(scene, &walkers[turn], kind);
+            if (states[turn].link & LEAF)
+                visit_leaf(scene, &states[turn], kind);
             else
-                visit_node(scene, &walkers[turn], kind);
+                visit_node(scene, &states[turn], kind);
             visited |= 1u << turn;
         }
     }
@@ -153,14 +153,14 @@ __attribute__((always_inline)) static void walk_streams(const Scene *scene, Walk
 #endif
 
 // Finds the rays of each walker that hit anything.
-__attribute__((noinline)) static void hide_streams(const Scene *scene, Walker *walkers, uint count)
+__attribute__((noinline)) static void occluded_streams(const Scene *scene, TraversalState *states, uint count)
 {
-    walk_streams(scene, walkers, count, ANY);
+    traverse_streams(scene, states, count, ANY);
 }
 
 // Finds the rays of each walker that hit something, and their nearest hits: t_max and triangle, which tells of others
 // whether they have met a surface from behind.
-__attribute__((noinline)) static void find_streams(const Scene *scene, Walker *walkers, uint count)
+__attribute__((noinline)) static void intersect_streams(const Scene *scene, TraversalState *states, uint count)
 {
-    walk_streams(scene, walkers, count, CLOSEST_OR_BACK);
+    traverse_streams(scene, states, count, CLOSEST_OR_BACK);
 }

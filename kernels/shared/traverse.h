@@ -72,7 +72,7 @@ static float8 relative(__global const float *row, float origin, float origin_low
 }
 
 // For each child the rays of `mask` that meet its box; `entry` gets where the first of these does.
-static int8 meet_children(__global const WideNode *node, float3 origin, const Stream *s, uint mask, float8 *entry)
+static int8 intersect_children(__global const WideNode *node, float3 origin, const Stream *s, uint mask, float8 *entry)
 {
     float8 planes[6];
     planes[0] = vload8(0, node->lower[0]) - origin.x;
@@ -279,7 +279,7 @@ static int8 lanes_met(const Leaf *l, uint n, float3 d, float8 *u, float8 *v, flo
 }
 
 // Tests one ray against a leaf: true where it is hit (ANY), or a hit nearer than t_max was stored.
-static bool meet_leaf(const Scene *scene, const Leaf *l, uint first, uint n, float3 d, float *t_max, uint *triangle,
+static bool intersect_leaf(const Scene *scene, const Leaf *l, uint first, uint n, float3 d, float *t_max, uint *triangle,
                       uint kind, uint seed)
 {
     Lanes u, v, w, t;
@@ -354,7 +354,7 @@ static void prefetch_link(const Scene *scene, uint link)
 }
 
 // Whether a ray by itself hits a leaf: anything, or something nearer than t_max, which is stored.
-static bool meet_leaf_once(const Scene *scene, float3 origin, float3 low, uint link, float3 d, float *t_max, uint *triangle,
+static bool intersect_leaf_once(const Scene *scene, float3 origin, float3 low, uint link, float3 d, float *t_max, uint *triangle,
                            uint kind, uint seed)
 {
     uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
@@ -366,7 +366,7 @@ static bool meet_leaf_once(const Scene *scene, float3 origin, float3 low, uint l
         return false;
     Leaf leaf = look;
     load_planes(&leaf);
-    return meet_leaf(scene, &leaf, first, n, d, t_max, triangle, kind, seed);
+    return intersect_leaf(scene, &leaf, first, n, d, t_max, triangle, kind, seed);
 }
 
 // Finds the nearest hit of one ray before *t_max, or whether there is any (ANY); true where there is one.
@@ -383,7 +383,7 @@ __attribute__((noinline)) static bool trace_ray(const Scene *scene, float3 origi
     bool found = false;
     for (;;) {
         if (link & LEAF) {
-            found |= meet_leaf_once(scene, origin, low, link, d, t_max, triangle, kind, seed);
+            found |= intersect_leaf_once(scene, origin, low, link, d, t_max, triangle, kind, seed);
             if (kind == ANY && found)
                 return true;
         } else {

@@ -9,17 +9,17 @@ use serde::Serialize;
 use super::machine;
 use super::options::{Options, RayOptions, eye_fov};
 use super::output;
+use crate::bench::{Rate, Rates, Workload, export};
 use crate::bvh::WideBvh;
 use crate::bvh::wide::Cost;
-use crate::config::{Config, Layers, WalkConfig};
+use crate::config::{Config, Layers, TraversalConfig};
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::frame::Loaded;
 use crate::gpu::opencl::{Device, device};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
-use crate::speed::{Rate, Rates, Workload, export};
-use crate::trace::Walk;
+use crate::trace::Traversal;
 use crate::trace::probe::{Probe, RayKind, shape_of};
 use crate::trace::warm::{KernelTimes, kernel_times};
 use crate::whole_file;
@@ -79,7 +79,7 @@ struct Measured {
     device: String,
     platform: String,
     driver: String,
-    walk: Walk,
+    traversal: Traversal,
     bytes_per_triangle: f64,
     kernels: KernelTimes,
     device_bytes: usize,
@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> Result<()> {
         shape: shape_of(loaded.scene),
         bvh: loaded.bvh,
     };
-    let mut probes = bench.probes(&devices, config.trace.walk)?;
+    let mut probes = bench.probes(&devices, config.trace.traversal)?;
     let work = Workload::new(&mut probes[0], &bench.shape, &bench.bvh, view, pattern)?;
     probes[1..].iter_mut().try_for_each(|probe| work.load(probe))?;
     if let Some(path) = &args.export {
@@ -187,12 +187,12 @@ struct Bench {
 
 impl Bench {
     /// Every variant of the kernels on every device, or the one that settings ask for.
-    fn probes(&self, devices: &[Device], walk: WalkConfig) -> Result<Vec<Probe>> {
-        let wanted = walk.forced().map_or_else(|| Walk::ALL.to_vec(), |forced| vec![forced]);
+    fn probes(&self, devices: &[Device], traversal: TraversalConfig) -> Result<Vec<Probe>> {
+        let wanted = traversal.forced().map_or_else(|| Traversal::ALL.to_vec(), |forced| vec![forced]);
         devices
             .iter()
-            .flat_map(|device| wanted.iter().map(move |&walk| (device, walk)))
-            .map(|(device, walk)| Probe::new(device, &self.shape, &self.bvh, walk))
+            .flat_map(|device| wanted.iter().map(move |&traversal| (device, traversal)))
+            .map(|(device, traversal)| Probe::new(device, &self.shape, &self.bvh, traversal))
             .collect()
     }
 
@@ -229,13 +229,13 @@ impl Bench {
             device: info.name.clone(),
             platform: info.platform.clone(),
             driver: info.driver.clone(),
-            walk: probe.walk(),
+            traversal: probe.traversal(),
             bytes_per_triangle: self.bytes_per_triangle(probe),
             kernels: kernel_times(
                 device,
                 &Features { sun, ..self.features },
                 self.bvh.depth(),
-                probe.walk(),
+                probe.traversal(),
                 cold,
             )?,
             device_bytes: probe.bytes().iter().map(|b| b.bytes).sum(),
@@ -276,7 +276,7 @@ impl Measured {
             "{} ({}), rays {}, {:.0} bytes a triangle and {:.0} MiB in all: kernels {cold}{:.0} ms warm; {:.3} ms to launch and wait for a frame's",
             self.device,
             self.platform,
-            self.walk.name(),
+            self.traversal.name(),
             self.bytes_per_triangle,
             self.device_bytes as f64 / 1_048_576.0,
             self.kernels.warm_ms,

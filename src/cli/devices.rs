@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::machine::{self, choose};
 use super::options::ConfigOptions;
 use super::output;
+use crate::bench::Choice;
 use crate::config::{Config, Layers, Samples};
 use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Plan, Renderer};
@@ -19,7 +20,6 @@ use crate::headset::openxr::Runtime;
 use crate::isolated;
 use crate::math::view::View;
 use crate::scene::{default_viewpoint, generate};
-use crate::speed::Choice;
 use crate::trace::State;
 
 use super::options::eye_fov;
@@ -175,7 +175,7 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
     // What a device is divided into is measured by itself when it is used.
     let kernels = |info: &DeviceInfo| {
         let device = tracing.iter().find(|device| device.info().is(info))?;
-        Some(config.trace.walk.on(device))
+        Some(config.trace.traversal.on(device))
     };
     let kernels: Vec<Option<Choice>> = match parts.ask(KERNELS, || infos.iter().map(kernels).collect()) {
         Ok(kernels) => kernels,

@@ -13,8 +13,8 @@ use crate::frame::Output;
 use crate::headset::mock::Script;
 use crate::math::pose::Pose;
 use crate::math::view::View;
-use crate::trace::{Walk, Walks};
-use crate::trade::{Effort, Report, Subject, sweep};
+use crate::trace::{Traversal, Traversals};
+use crate::tradeoff::{Effort, Report, Subject, sweep};
 use crate::whole_file;
 
 /// Arguments of `foveate measure`.
@@ -71,16 +71,19 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let open = |config: &Config| Ok(machine.renderer(&loaded, config, Output::Radiance)?.0);
     let mut renderer = open(&config)?;
-    let used: Vec<Walks> = machine.devices.iter().map(|device| config.trace.walk.on(device).walks).collect();
-    let used = |walk: &Walk| used.iter().all(|walks| *walks == Walks::from(*walk));
-    let walks: Vec<Walk> = Walk::ALL.into_iter().filter(|walk| !used(walk)).collect();
+    let used: Vec<Traversals> =
+        machine.devices.iter().map(|device| config.trace.traversal.on(device).traversals).collect();
+    let used =
+        |traversal: &Traversal| used.iter().all(|traversals| *traversals == Traversals::from(*traversal));
+    let traversals: Vec<Traversal> =
+        Traversal::ALL.into_iter().filter(|traversal| !used(traversal)).collect();
     let subject = Subject {
         scene: args.scene.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         loaded: &loaded,
         config: &config,
         views: &views,
         heads: &heads,
-        walks: &walks,
+        traversals: &traversals,
         open: &open,
         drivers: machine.drivers(),
         device: format!("{}, samples {}", machine.describe(), renderer.sharing()),

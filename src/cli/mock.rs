@@ -59,7 +59,7 @@ pub struct Summary {
 struct BudgetSummary {
     /// What the last frame was made with.
     #[serde(flatten)]
-    held: budget::Held,
+    held: budget::QualityState,
     /// Frames that took longer than they may.
     frames_over: usize,
 }

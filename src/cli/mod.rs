@@ -107,7 +107,7 @@ impl Cli {
             Command::Tracker(args) => tracker::run(&args),
             Command::Bench(args) => bench::run(&args),
             Command::Devices(args) => devices::run(&args),
-            Command::TryKernels { task } => crate::speed::trial::work(&task),
+            Command::TryKernels { task } => crate::bench::trial::work(&task),
         }
     }
 }

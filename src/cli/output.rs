@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::machine::Machine;
 use crate::error::{Error, Result};
 use crate::frame::{FrameReport, Plan, Renderer, StageMs, Step};
-use crate::measure::stats::percentile;
+use crate::metrics::stats::percentile;
 
 /// Median and 99th percentile, in milliseconds.
 #[derive(Clone, Copy, Debug, Serialize)]

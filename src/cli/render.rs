@@ -16,7 +16,7 @@ use crate::frame::stereo::parallel_eyes;
 use crate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Step};
 use crate::math::pose::Pose;
 use crate::math::view::View;
-use crate::measure::{Display, Picture};
+use crate::metrics::{Display, Picture};
 use crate::scene::environment::luminance;
 use crate::whole_file;
 

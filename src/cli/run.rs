@@ -3,10 +3,10 @@
 mod frames;
 mod keys;
 mod present;
+mod rig;
 mod stats;
 mod terminal;
 mod watchdog;
-mod wearer;
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -16,14 +16,14 @@ use super::output::{self, RenderSummary};
 use super::tracker::memory;
 use crate::config::{Config, Stereo, TargetMs};
 use crate::error::{Error, Result};
-use crate::frame::budget::{self, Controller, Held};
+use crate::frame::budget::{self, Controller, QualityState};
 use crate::frame::{FrameReport, Output, Plan, Renderer, Step};
 use crate::headset::mock::Profile;
-use crate::headset::panel::{HELP, Moment, Panel, Shot, Wanted, Warp};
+use crate::headset::mouse_look::MouseLook;
+use crate::headset::panel::{HELP, LensWarp, Moment, Panel, PanelFrame, Wanted};
 use crate::headset::rift_dk1::device::{Status, Tracker};
 use crate::headset::rift_dk1::optics::{Eye, NECK_TO_EYE, Optics, REFRESH_HZ};
 use crate::headset::rift_dk1::takeover::{Source, Takeover};
-use crate::headset::walker::Walker;
 use crate::math::pose::Pose;
 use crate::scene::default_viewpoint;
 
@@ -64,7 +64,7 @@ struct Summary {
     shown: u64,
     tracked_frames: u64,
     /// What the last frame was made with, where its time was held.
-    budget: Option<Held>,
+    budget: Option<QualityState>,
 }
 
 /// Optics of a headset, or a plain window.
@@ -179,10 +179,10 @@ struct Session<'a> {
     /// Holds the frame time, where one is asked for.
     controller: Option<Controller>,
     /// What it had the last frame made with.
-    held: Option<Held>,
+    held: Option<QualityState>,
     /// The direction ahead, about the vertical.
     heading: DQuat,
-    walker: Walker,
+    mouse_look: MouseLook,
     takeover: Takeover,
     facing: DQuat,
     begun: Instant,
@@ -205,7 +205,7 @@ impl<'a> Session<'a> {
     ) -> Self {
         let ahead = rest.rotation * glam::DVec3::NEG_Z;
         let heading = DQuat::from_rotation_y((-ahead.x).atan2(-ahead.z));
-        let walker = Walker::new(Pose::new(heading.conjugate() * rest.rotation, rest.position));
+        let mouse_look = MouseLook::new(Pose::new(heading.conjugate() * rest.rotation, rest.position));
         let renderer = match &display {
             Display::Dk1(optics, profile) if config.view.stereo == Stereo::PerEye => {
                 let lenses = profile.views(rest).iter().map(|view| optics.lens(view)).collect();
@@ -221,8 +221,8 @@ impl<'a> Session<'a> {
             controller: None,
             held: None,
             heading,
-            facing: heading * walker.orientation(),
-            walker,
+            facing: heading * mouse_look.orientation(),
+            mouse_look,
             takeover: Takeover::default(),
             begun: Instant::now(),
             seed: config.trace.seed,
@@ -294,11 +294,11 @@ impl<'a> Session<'a> {
             Display::Plain(_) => glam::DVec3::ZERO,
             Display::Dk1(..) => self.facing * NECK_TO_EYE - self.heading * NECK_TO_EYE,
         };
-        Pose::new(self.facing, self.walker.position() + neck)
+        Pose::new(self.facing, self.mouse_look.position() + neck)
     }
 
     /// Renders one frame.
-    fn frame(&mut self, moment: &Moment) -> Result<Shot> {
+    fn frame(&mut self, moment: &Moment) -> Result<PanelFrame> {
         self.look(moment);
         if moment.lock_exposure {
             self.renderer.meter().toggle_lock();
@@ -323,17 +323,17 @@ impl<'a> Session<'a> {
         })?;
         let size = [plan.width, plan.height];
         let warps = match &self.display {
-            Display::Plain(_) => vec![Warp::fitted(size, moment.window)],
+            Display::Plain(_) => vec![LensWarp::fitted(size, moment.window)],
             Display::Dk1(optics, profile) => {
                 optics.warps([profile.eye_width, profile.eye_height], moment.window).to_vec()
             }
         };
-        Ok(Shot { picture, warps, status })
+        Ok(PanelFrame { picture, warps, status })
     }
 
     /// Moves the head to where it will be when the frame is seen.
     fn look(&mut self, moment: &Moment) {
-        self.walker.step(&moment.wish, moment.since_last, self.facing);
+        self.mouse_look.step(&moment.wish, moment.since_last, self.facing);
         // The middle of the panel lights up half a picture after its first line.
         let seen = moment.now + Duration::from_secs_f64(moment.latency + 0.5 / REFRESH_HZ);
         let tracked = self.tracker.as_ref().and_then(|tracker| {
@@ -343,7 +343,7 @@ impl<'a> Session<'a> {
             tracker.heard_orientation_at(seen)
         });
         let time = (moment.now - self.begun).as_secs_f64();
-        let (orientation, source) = self.takeover.next(time, tracked, self.walker.orientation());
+        let (orientation, source) = self.takeover.next(time, tracked, self.mouse_look.orientation());
         self.facing = self.heading * orientation;
         self.tracked += u64::from(source == Source::Tracker);
         if self.tracker.is_some() && self.source.replace(source).is_some_and(|before| before != source) {
@@ -363,7 +363,7 @@ impl<'a> Session<'a> {
         let plan = self.plan(self.head())?;
         let render =
             RenderSummary::of(self.reports.make_contiguous()).about(&plan, machine, &self.renderer, steps);
-        let period = crate::measure::stats::median(self.periods.make_contiguous());
+        let period = crate::metrics::stats::median(self.periods.make_contiguous());
         Ok(Some(Summary {
             fps: 1.0 / period.unwrap_or(render.frame_ms.p50 * 1e-3),
             render,

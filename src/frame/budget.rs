@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::ladder::Ladder;
+use super::quality_levels::QualityLevels;
 use crate::config::{Config, Samples, TargetMs, preset};
 use crate::error::{Error, Result};
 
@@ -62,10 +62,10 @@ impl Target {
 
 /// What a frame is to be made with.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Held {
+pub struct QualityState {
     /// Milliseconds that it may take; `null` where only a score is wanted.
     pub target_ms: Option<f64>,
-    /// Where it is on the ladder: 0 the fastest, 1 the best.
+    /// Where it is on the levels: 0 the fastest, 1 the best.
     pub position: f64,
     /// How much dearer frames are than where the front was measured.
     pub load: f64,
@@ -81,15 +81,15 @@ pub struct Held {
     pub score_out_of_reach: bool,
 }
 
-/// Moves along a ladder so that frames take the time that they may.
+/// Moves along quality levels so that frames take the time that they may.
 #[derive(Clone, Debug)]
 pub struct Controller {
-    ladder: Ladder,
+    levels: QualityLevels,
     target: Target,
     /// Highest position that the wanted score needs.
     ceiling: f64,
     position: f64,
-    /// Milliseconds of a frame over those of the ladder; none before the first frame.
+    /// Milliseconds of a frame over those of the levels; none before the first frame.
     load: Option<f64>,
     /// The last frame's own load.
     last: Option<f64>,
@@ -106,16 +106,16 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// Starts where the ladder's own times say that the target is met.
-    pub fn new(ladder: Ladder, target: Target) -> Controller {
+    /// Starts where the levels' own times say that the target is met.
+    pub fn new(levels: QualityLevels, target: Target) -> Controller {
         let ceiling = match target.score {
-            score if score >= 10.0 => ladder.top(),
+            score if score >= 10.0 => levels.top(),
             // The first position that has the score.
-            score => ladder.reach(score, |p| p.score),
+            score => levels.reach(score, |p| p.score),
         };
-        let position = ladder.reach(target.ms, |p| p.frame_ms).min(ceiling);
+        let position = levels.reach(target.ms, |p| p.frame_ms).min(ceiling);
         let mut controller = Controller {
-            ladder,
+            levels,
             target,
             ceiling,
             position,
@@ -128,12 +128,12 @@ impl Controller {
             told: false,
         };
         controller.sample_step = controller.wanted_step().round();
-        if controller.ladder.foreign {
+        if controller.levels.foreign {
             controller.notes.push(FOREIGN.to_string());
         }
         if controller.score_out_of_reach() {
             let (wanted, best) =
-                (controller.target.score, controller.ladder.between(f64::INFINITY, |p| p.score));
+                (controller.target.score, controller.levels.between(f64::INFINITY, |p| p.score));
             controller.notes.push(format!(
                 "the target score of {wanted} is out of reach: the front's best point has {best:.2}; measure \
                  a front with better ones, or ask for less"
@@ -150,7 +150,7 @@ impl Controller {
     /// A sentence where the front's own times say that the target will be missed: for who makes one frame
     /// and has none to learn from.
     pub fn expectation(&self) -> Option<String> {
-        let (fastest, target) = (self.ladder.steps()[0].frame_ms, self.target.ms);
+        let (fastest, target) = (self.levels.steps()[0].frame_ms, self.target.ms);
         (fastest > target).then(|| {
             format!(
                 "the front's fastest point took {fastest:.1} ms where it was measured, longer than the {target} ms \
@@ -160,7 +160,7 @@ impl Controller {
     }
 
     fn score_out_of_reach(&self) -> bool {
-        self.target.score < 10.0 && self.ladder.steps().iter().all(|step| step.score < self.target.score)
+        self.target.score < 10.0 && self.levels.steps().iter().all(|step| step.score < self.target.score)
     }
 
     /// Holds another target from now on, such as that of a display whose period has changed.
@@ -168,7 +168,7 @@ impl Controller {
         if self.target == target {
             return;
         }
-        let fresh = Controller::new(self.ladder.clone(), target);
+        let fresh = Controller::new(self.levels.clone(), target);
         (self.target, self.ceiling) = (target, fresh.ceiling);
         match self.load {
             Some(load) => self.step(load),
@@ -177,14 +177,14 @@ impl Controller {
     }
 
     /// What the next frame is to be made with.
-    pub fn held(&self) -> Held {
-        let work = self.ladder.between_logs(self.position, |p| p.samples * f64::from(p.rays));
+    pub fn held(&self) -> QualityState {
+        let work = self.levels.between_logs(self.position, |p| p.samples * f64::from(p.rays));
         let samples = (self.sample_step / SAMPLE_STEPS).exp2().min(1.0);
-        Held {
+        QualityState {
             target_ms: Some(self.target.ms).filter(|ms| ms.is_finite()),
-            position: if self.ladder.top() > 0.0 { self.position / self.ladder.top() } else { 1.0 },
+            position: if self.levels.top() > 0.0 { self.position / self.levels.top() } else { 1.0 },
             load: self.load.unwrap_or(1.0),
-            score: self.ladder.between(self.position, |p| p.score),
+            score: self.levels.between(self.position, |p| p.score),
             samples,
             rays: (work / samples).round().clamp(1.0, 4096.0) as u32,
             time_out_of_reach: self.beyond >= OUT_OF_REACH,
@@ -195,7 +195,7 @@ impl Controller {
     /// The settings of the next frame.
     pub fn config(&self, base: &Config) -> Config {
         let held = self.held();
-        let mut config = self.ladder.steps()[0].applied_to(base);
+        let mut config = self.levels.steps()[0].applied_to(base);
         config.foveation.samples = Samples::Share(held.samples);
         config.trace.rays = held.rays;
         config
@@ -208,14 +208,14 @@ impl Controller {
         if !(own.is_finite() && own > 0.0 && pattern_ms >= 0.0) {
             return;
         }
-        let found = (own / self.ladder.between_logs(self.position, |p| p.frame_ms)).min(HEAVIEST);
+        let found = (own / self.levels.between_logs(self.position, |p| p.frame_ms)).min(HEAVIEST);
         let heavy = found.min(self.last.unwrap_or(found));
         self.last = Some(found);
         let load = self.load.unwrap_or(found);
         let load = if heavy > load {
             load + (heavy - load) * HEAVIER
         } else {
-            let bearable = self.target.ms / self.ladder.steps()[0].frame_ms;
+            let bearable = self.target.ms / self.levels.steps()[0].frame_ms;
             let load = load.min(found.max(FORGOTTEN * bearable));
             load + (found.min(load) - load) * LIGHTER
         };
@@ -227,7 +227,7 @@ impl Controller {
 
     /// Notices where not even the first step is fast enough.
     fn watch(&mut self, load: f64) {
-        let least = load * self.ladder.steps()[0].frame_ms + self.patterns;
+        let least = load * self.levels.steps()[0].frame_ms + self.patterns;
         self.beyond = if least > self.target.ms { self.beyond.saturating_add(1) } else { 0 };
         if self.beyond == OUT_OF_REACH && !self.told {
             self.told = true;
@@ -242,7 +242,7 @@ impl Controller {
     fn step(&mut self, load: f64) {
         // Patterns never take more than half of the time from what frames are made for.
         let own = (self.target.ms - self.patterns).max(self.target.ms * 0.5);
-        let wanted = self.ladder.reach(own / load, |p| p.frame_ms).min(self.ceiling);
+        let wanted = self.levels.reach(own / load, |p| p.frame_ms).min(self.ceiling);
         self.position = wanted.min(self.position + CLIMB);
         let step = self.wanted_step();
         if (step - self.sample_step).abs() > HOLD_ON {
@@ -252,7 +252,7 @@ impl Controller {
 
     /// The samples' step at the current position, between whole ones.
     fn wanted_step(&self) -> f64 {
-        self.ladder.between(self.position, |p| p.samples.log2()) * SAMPLE_STEPS
+        self.levels.between(self.position, |p| p.samples.log2()) * SAMPLE_STEPS
     }
 }
 
@@ -288,8 +288,8 @@ pub fn controller(config: &Config, display_period_ms: Option<f64>) -> Result<Opt
     } else {
         &config.budget.front
     };
-    match Ladder::of(points, config) {
-        Some(ladder) => Ok(Some(Controller::new(ladder, target))),
+    match QualityLevels::of(points, config) {
+        Some(levels) => Ok(Some(Controller::new(levels, target))),
         None => Err(Error::setting("budget.front", "it has no points; give what foveate measure wrote")),
     }
 }

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::budget::Held;
-use super::crew::DeviceShare;
+use super::budget::QualityState;
 use super::pipeline::FrameReport;
+use super::scheduler::DeviceShare;
 use crate::error::{Error, Result};
 
 /// One frame. Times in milliseconds unless named otherwise.
@@ -50,7 +50,7 @@ pub struct FrameRecord {
     /// The head's orientation in the world, as x, y, z, w.
     pub head_orientation: DQuat,
     /// What the frame was made with where its time is held; `null` where settings stay as they are.
-    pub budget: Option<Held>,
+    pub budget: Option<QualityState>,
     /// How old its poses were; `null` where poses are those of a script.
     #[serde(default)]
     pub pose_age_ms: Option<Ages>,

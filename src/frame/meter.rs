@@ -12,7 +12,7 @@ use crate::layout::{
 };
 use crate::scene::Sun;
 use crate::scene::environment::luminance;
-use crate::trace::Landing;
+use crate::trace::SampleTarget;
 
 /// Samples that a view is metered by: enough that their noise is a few hundredths of a stop.
 const METERED: usize = 1024;
@@ -30,7 +30,7 @@ pub struct Meter {
 /// A view's samples.
 pub(super) struct Metered<'a> {
     /// Where they are.
-    pub landing: &'a Landing,
+    pub sample_target: &'a SampleTarget,
     /// The positions of their pixels, `x | y << 16`.
     pub samples: &'a [u32],
     /// Pixels across.
@@ -81,8 +81,8 @@ impl Metered<'_> {
     /// Luminances of some samples, evenly from all of them, which lie as densely as the wearer sees.
     fn luminances(&self, sun: Option<Sun>) -> Vec<f32> {
         let step = self.samples.len().div_ceil(METERED).max(1);
-        let records = self.landing.samples.sparse(self.samples.len(), step);
-        let radiances: Vec<Vec3> = match &self.landing.visibility {
+        let records = self.sample_target.samples.sparse(self.samples.len(), step);
+        let radiances: Vec<Vec3> = match &self.sample_target.visibility {
             None => records.iter().map(|record| Vec3::from(record.first)).collect(),
             Some(visibility) => {
                 let pixel = |at: &u32| (at >> 16) as usize * self.width as usize + (at & 0xffff) as usize;

@@ -2,17 +2,17 @@
 
 pub mod balance;
 pub mod budget;
-pub mod crew;
 pub mod exposure;
 pub mod front;
-pub mod ladder;
 pub mod load;
 pub mod log;
 pub mod meter;
 pub mod pipeline;
+pub mod quality_levels;
+pub mod scheduler;
 pub mod stereo;
 
-pub use crew::{Crew, DeviceShare};
 pub use load::{Loaded, Step};
-pub use pipeline::{FrameReport, Output, Renderer, Shot, StageMs};
+pub use pipeline::{FrameReport, Output, Renderer, StageMs, ViewRequest};
+pub use scheduler::{DeviceShare, Scheduler};
 pub use stereo::{Cut, Plan};

@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use glam::DVec2;
 
-use super::crew::{Crew, DeviceShare};
 use super::load::{Loaded, Step, fitting_environment, timed};
 use super::meter::{Meter, Metered};
+use super::scheduler::{DeviceShare, Scheduler};
 use super::stereo::{Cut, Plan};
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
@@ -19,7 +19,7 @@ use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
 use crate::scene::Sun;
-use crate::trace::{self, Fleet, Job, Landing, SceneData};
+use crate::trace::{self, Fleet, Job, SampleTarget, SceneData};
 
 /// What the finished picture's numbers are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,7 +73,7 @@ const EARLY_STEPS: u64 = 96;
 
 /// Everything that is needed to turn poses into pictures.
 pub struct Renderer {
-    crew: Crew,
+    scheduler: Scheduler,
     reconstruction: Reconstruction,
     context: Context,
     law: Law,
@@ -97,14 +97,14 @@ struct TracedView {
     key: PatternKey,
     pattern: Arc<Pattern>,
     workload: Arc<Workload>,
-    landing: Arc<Landing>,
+    sample_target: Arc<SampleTarget>,
     /// How the results land there.
     sharing: Sharing,
 }
 
 impl TracedView {
     fn metered(&self) -> Metered<'_> {
-        Metered { landing: &self.landing, samples: &self.pattern.samples, width: self.key.width }
+        Metered { sample_target: &self.sample_target, samples: &self.pattern.samples, width: self.key.width }
     }
 }
 
@@ -121,7 +121,7 @@ struct PatternKey {
 }
 
 /// A view to trace, and where its pixels go.
-pub struct Shot<'a> {
+pub struct ViewRequest<'a> {
     /// The view.
     pub view: View,
     /// Where the eye looks, in 0..1 of the view; it may lie outside.
@@ -134,7 +134,7 @@ pub struct Shot<'a> {
     pub outputs: Vec<reconstruct::Output<'a>>,
 }
 
-impl Shot<'_> {
+impl ViewRequest<'_> {
     fn key(&self, law: Law, samples: Samples) -> PatternKey {
         let View { width, height, fov, .. } = self.view;
         let law = law.widened(self.widening);
@@ -174,8 +174,8 @@ impl Renderer {
         let (fleet, fleet_step) =
             timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
         let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
-        let crew = Crew::new(fleet, direct);
-        let (renderer, shaders_step) = Self::with_crew(crew, context, loaded, config, output)?;
+        let scheduler = Scheduler::new(fleet, direct);
+        let (renderer, shaders_step) = Self::with_scheduler(scheduler, context, loaded, config, output)?;
         Ok((renderer, vec![fleet_step, shaders_step, probe_step]))
     }
 
@@ -194,7 +194,7 @@ impl Renderer {
     ) -> Result<(Self, Vec<Step>)> {
         let direct = Some(device.clone()).filter(|_| sharing == Sharing::ZeroCopy);
         let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
-        let made = Self::with_crew(Crew::new(fleet, direct), context, loaded, config, output)?;
+        let made = Self::with_scheduler(Scheduler::new(fleet, direct), context, loaded, config, output)?;
         Ok((made.0, vec![made.1]))
     }
 
@@ -202,8 +202,8 @@ impl Renderer {
     ///
     /// # Errors
     /// Where the presenting device refuses.
-    pub fn with_crew(
-        crew: Crew,
+    pub fn with_scheduler(
+        scheduler: Scheduler,
         context: &Context,
         loaded: &Loaded,
         config: &Config,
@@ -212,7 +212,7 @@ impl Renderer {
         let (reconstruction, shaders_step) =
             timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
         let renderer = Renderer {
-            crew,
+            scheduler,
             reconstruction,
             context: context.clone(),
             law: config.foveation.law,
@@ -253,7 +253,7 @@ impl Renderer {
         late: &mut dyn FnMut(usize) -> Option<Pose>,
     ) -> Result<FrameReport> {
         let target = self.prepare_image(plan)?;
-        let shot = |(index, (view, cuts)): (usize, &(View, Vec<Cut>))| Shot {
+        let request = |(index, (view, cuts)): (usize, &(View, Vec<Cut>))| ViewRequest {
             view: *view,
             gaze: gaze.get(index).copied().unwrap_or_else(|| view.optical_centre()),
             widening: 1.0,
@@ -267,43 +267,43 @@ impl Renderer {
                 })
                 .collect(),
         };
-        let shots: Vec<Shot> = plan.views.iter().enumerate().map(shot).collect();
-        self.shoot(&shots, seed, late)
+        let requests: Vec<ViewRequest> = plan.views.iter().enumerate().map(request).collect();
+        self.render_views(&requests, seed, late)
     }
 
     /// Renders one frame into targets made elsewhere, and waits until all pixels are written.
     ///
-    /// `late` is asked, once a shot's samples are traced, where its eye will be when the picture is seen:
+    /// `late` is asked, once a view's samples are traced, where its eye will be when the picture is seen:
     /// then pixels are moved to where they are seen from there. It is not asked for views that are too
     /// large for that.
     ///
     /// # Errors
     /// Where a device fails.
-    pub fn shoot(
+    pub fn render_views(
         &mut self,
-        shots: &[Shot],
+        requests: &[ViewRequest],
         seed: u32,
         late: &mut dyn FnMut(usize) -> Option<Pose>,
     ) -> Result<FrameReport> {
         let start = Instant::now();
         self.meter.begin(start);
         let mut report = FrameReport::default();
-        for (index, shot) in shots.iter().enumerate() {
-            report.pattern_ms += self.prepare_view(index, shot)?;
-            self.trace(index, &shot.view, seed, &mut report)?;
+        for (index, request) in requests.iter().enumerate() {
+            report.pattern_ms += self.prepare_view(index, request)?;
+            self.trace(index, &request.view, seed, &mut report)?;
             if self.meter.stops().is_none() {
                 self.meter.observe(self.views[..=index].iter().map(TracedView::metered), self.sun);
             }
             let shown_from = if self.reconstruction.can_warp(index) { late(index) } else { None };
-            self.reconstruct(index, shot, shown_from)?;
+            self.reconstruct(index, request, shown_from)?;
         }
-        for index in 0..shots.len() {
+        for index in 0..requests.len() {
             let stages = self.reconstruction.wait(index)?;
             report.stages.reconstruct += stages.iter().map(|stage| stage.ms).sum::<f64>();
             report.dropped += self.reconstruction.dropped(index);
         }
         report.exposure = self.meter.stops();
-        self.meter.observe(self.views.iter().take(shots.len()).map(TracedView::metered), self.sun);
+        self.meter.observe(self.views.iter().take(requests.len()).map(TracedView::metered), self.sun);
         report.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(report)
     }
@@ -322,10 +322,10 @@ impl Renderer {
             light: self.light,
             pattern: traced.pattern.clone(),
             workload: traced.workload.clone(),
-            landing: traced.landing.clone(),
+            sample_target: traced.sample_target.clone(),
             direct: true,
         };
-        let done = self.crew.trace(&Arc::new(job))?;
+        let done = self.scheduler.trace(&Arc::new(job))?;
         let slowest = done.slowest();
         report.samples += traced.pattern.samples.len();
         report.rays += done.rays;
@@ -338,38 +338,38 @@ impl Renderer {
         Ok(())
     }
 
-    fn reconstruct(&mut self, index: usize, shot: &Shot, shown_from: Option<Pose>) -> Result<()> {
+    fn reconstruct(&mut self, index: usize, request: &ViewRequest, shown_from: Option<Pose>) -> Result<()> {
         let traced = &self.views[index];
         let frame = Frame {
-            view: &shot.view,
-            samples: traced.landing.samples.vulkan(),
-            visibility: traced.landing.visibility.as_ref().map(Shared::vulkan),
+            view: &request.view,
+            samples: traced.sample_target.samples.vulkan(),
+            visibility: traced.sample_target.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
             // Eyes come in pairs: wide views first, insets after them.
             other: Some(index ^ 1),
-            outputs: &shot.outputs,
+            outputs: &request.outputs,
         };
         self.reconstruction.submit(index, &frame)
     }
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
-    fn prepare_view(&mut self, index: usize, shot: &Shot) -> Result<f64> {
-        let key = shot.key(self.law, self.samples);
+    fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
+        let key = request.key(self.law, self.samples);
         if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
             return Ok(0.0);
         }
         let start = Instant::now();
-        let view = &shot.view;
+        let view = &request.view;
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
             samples => (key.law, samples.of(view.pixels())),
         };
-        let pattern = match (self.lenses.get(index), &shot.hidden) {
-            (Some(lens), _) => Pattern::through(view, &law, shot.gaze, count, lens),
-            (None, Some(hidden)) => Pattern::with_mask(view, &law, shot.gaze, count, hidden),
-            (None, None) => Pattern::new(view, &law, shot.gaze, count),
+        let pattern = match (self.lenses.get(index), &request.hidden) {
+            (Some(lens), _) => Pattern::through(view, &law, request.gaze, count, lens),
+            (None, Some(hidden)) => Pattern::with_mask(view, &law, request.gaze, count, hidden),
+            (None, None) => Pattern::new(view, &law, request.gaze, count),
         };
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
         self.take_pattern(index, key, pattern)?;
@@ -382,22 +382,22 @@ impl Renderer {
         let count = pattern.samples.len();
         let (workload, sharing) = (Workload::new(&pattern, self.settings.guided), self.sharing());
         let old = self.views.get(index).filter(|old| {
-            old.landing.samples.len() >= count
+            old.sample_target.samples.len() >= count
                 && (old.key.width, old.key.height) == (key.width, key.height)
                 && old.sharing == sharing
         });
-        let landing = match old {
-            Some(old) => old.landing.clone(),
+        let sample_target = match old {
+            Some(old) => old.sample_target.clone(),
             None => {
-                let (direct, context) = (self.crew.direct(), &self.context);
+                let (direct, context) = (self.scheduler.direct(), &self.context);
                 let pixels = key.width as usize * key.height as usize;
                 let shared = || Shared::new(direct, context, pixels);
                 let visibility = self.settings.guided.then(shared).transpose()?;
-                Arc::new(Landing { samples: Shared::new(direct, context, count)?, visibility })
+                Arc::new(SampleTarget { samples: Shared::new(direct, context, count)?, visibility })
             }
         };
         let (pattern, workload) = (Arc::new(pattern), Arc::new(workload));
-        let view = TracedView { key, pattern, workload, landing, sharing };
+        let view = TracedView { key, pattern, workload, sample_target, sharing };
         if index < self.views.len() {
             self.views[index] = view;
         } else {
@@ -444,25 +444,25 @@ impl Renderer {
 
     /// How samples get from the first OpenCL device to Vulkan; those of the others are copied.
     pub fn sharing(&self) -> Sharing {
-        if self.crew.direct().is_some() { Sharing::ZeroCopy } else { Sharing::Staged }
+        if self.scheduler.direct().is_some() { Sharing::ZeroCopy } else { Sharing::Staged }
     }
 
     /// The depth of each pixel of a view of the last frame along the view's axis, 0 for the sky: row after row;
     /// empty where it was not guided.
     pub fn depths(&self, view: usize) -> Vec<f32> {
-        let landing = self.views.get(view).map(|traced| &traced.landing);
-        let records = landing.and_then(|l| l.visibility.as_ref()).map(|v| v.sparse(v.len(), 1));
+        let sample_target = self.views.get(view).map(|traced| &traced.sample_target);
+        let records = sample_target.and_then(|l| l.visibility.as_ref()).map(|v| v.sparse(v.len(), 1));
         records.unwrap_or_default().iter().map(|record| record.depth).collect()
     }
 
     /// The tracing devices.
     pub fn fleet(&self) -> &Fleet {
-        self.crew.fleet()
+        self.scheduler.fleet()
     }
 
     /// What the operator should know of devices that were left out, have failed or come back; each once.
     pub fn take_notes(&mut self) -> Vec<String> {
-        self.crew.take_notes()
+        self.scheduler.take_notes()
     }
 
     /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside
@@ -509,12 +509,12 @@ fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> 
     let environment = fitting_environment(&loaded.environment, devices);
     let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?);
     let walking = |device: &Device| {
-        let choice = config.trace.walk.on(device);
+        let choice = config.trace.traversal.on(device);
         // What does not fit says so when it is opened; no kernel is to blame.
-        let fits = data.check_fit(device, choice.walks).is_ok();
-        let walks =
-            if fits { choice.for_frames(device, &data.features, data.depth) } else { Ok(choice.walks) };
-        (device.clone(), walks)
+        let fits = data.check_fit(device, choice.traversals).is_ok();
+        let traversals =
+            if fits { choice.for_frames(device, &data.features, data.depth) } else { Ok(choice.traversals) };
+        (device.clone(), traversals)
     };
     Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
 }

@@ -38,16 +38,16 @@ pub struct Hands {
 
 /// Where the tracked space lies in the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Walker {
+pub struct Locomotion {
     /// The tracked space in the scene; upright.
     pub world_from_space: Pose,
     turned: bool,
 }
 
-impl Walker {
+impl Locomotion {
     /// Stands still.
     pub fn new(world_from_space: Pose) -> Self {
-        Walker { world_from_space, turned: false }
+        Locomotion { world_from_space, turned: false }
     }
 
     /// Goes and turns for `seconds`; `head` is in the tracked space. Turns are about the head, so that
@@ -126,45 +126,46 @@ mod tests {
 
     #[test]
     fn a_snap_turn_comes_once_and_leaves_the_head_where_it_is() {
-        let mut walker = Walker::new(Pose::new(DQuat::from_rotation_y(1.0), DVec3::new(4.0, 1.6, 2.0)));
-        let before = walker.world_from_space;
+        let mut locomotion =
+            Locomotion::new(Pose::new(DQuat::from_rotation_y(1.0), DVec3::new(4.0, 1.6, 2.0)));
+        let before = locomotion.world_from_space;
         let place = before.transform_point(head().position);
         for turn in [0.2, 0.9, 1.0, 0.5, 0.4] {
-            walker.step(&Hands { turn, ..Hands::default() }, &head(), &SNAP, 0.01);
+            locomotion.step(&Hands { turn, ..Hands::default() }, &head(), &SNAP, 0.01);
         }
-        let now = walker.world_from_space;
+        let now = locomotion.world_from_space;
         assert!((now.transform_point(head().position) - place).length() < 1e-12);
         let expected = DQuat::from_rotation_y(1.0 - 0.5);
         assert!(now.rotation.angle_between(expected) < 1e-9, "to the right, and once");
-        walker.step(&Hands::default(), &head(), &SNAP, 0.01);
-        walker.step(&Hands { turn: -1.0, ..Hands::default() }, &head(), &SNAP, 0.01);
-        assert!(walker.world_from_space.rotation.angle_between(before.rotation) < 1e-7);
+        locomotion.step(&Hands::default(), &head(), &SNAP, 0.01);
+        locomotion.step(&Hands { turn: -1.0, ..Hands::default() }, &head(), &SNAP, 0.01);
+        assert!(locomotion.world_from_space.rotation.angle_between(before.rotation) < 1e-7);
     }
 
     #[test]
     fn going_follows_the_head_on_the_level() {
-        let mut walker = Walker::new(Pose::IDENTITY);
+        let mut locomotion = Locomotion::new(Pose::IDENTITY);
         let ahead = Hands { go: DVec2::new(0.0, 1.0), ..Hands::default() };
-        walker.step(&ahead, &head(), &SNAP, 0.05);
-        let moved = walker.world_from_space.position;
+        locomotion.step(&ahead, &head(), &SNAP, 0.05);
+        let moved = locomotion.world_from_space.position;
         let expected = DQuat::from_rotation_y(0.4) * DVec3::NEG_Z * 0.1;
         assert!((moved - expected).length() < 1e-12, "{moved}");
-        let still = walker;
-        walker.step(&Hands { go: DVec2::splat(0.1), ..Hands::default() }, &head(), &SNAP, 0.05);
-        walker.step(&ahead, &head(), &Manner { speed: 0.0, ..SNAP }, 0.05);
-        assert_eq!(walker, still);
-        walker.step(&ahead, &head(), &SNAP, 1000.0);
-        assert!((walker.world_from_space.position - moved).length() < 0.21, "a pause is no journey");
+        let still = locomotion;
+        locomotion.step(&Hands { go: DVec2::splat(0.1), ..Hands::default() }, &head(), &SNAP, 0.05);
+        locomotion.step(&ahead, &head(), &Manner { speed: 0.0, ..SNAP }, 0.05);
+        assert_eq!(locomotion, still);
+        locomotion.step(&ahead, &head(), &SNAP, 1000.0);
+        assert!((locomotion.world_from_space.position - moved).length() < 0.21, "a pause is no journey");
     }
 
     #[test]
     fn smooth_turns_last_as_long_as_the_stick_is_pushed() {
-        let mut walker = Walker::new(Pose::IDENTITY);
+        let mut locomotion = Locomotion::new(Pose::IDENTITY);
         let manner = Manner { smooth_turn: true, turn: 2.0, speed: 0.0 };
         for _ in 0..10 {
-            walker.step(&Hands { turn: 0.5, ..Hands::default() }, &head(), &manner, 0.01);
+            locomotion.step(&Hands { turn: 0.5, ..Hands::default() }, &head(), &manner, 0.01);
         }
-        let turned = walker.world_from_space.rotation;
+        let turned = locomotion.world_from_space.rotation;
         assert!(turned.angle_between(DQuat::from_rotation_y(-0.1)) < 1e-7);
     }
 
@@ -173,34 +174,36 @@ mod tests {
         let hands = Hands { go: DVec2::Y, turn: 1.0, ..Hands::default() };
         let manner = Manner { smooth_turn: true, ..SNAP };
         for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let mut walker = Walker::new(Pose::IDENTITY);
-            walker.step(&hands, &head(), &manner, seconds);
-            assert_eq!(walker.world_from_space, Pose::IDENTITY, "{seconds}");
+            let mut locomotion = Locomotion::new(Pose::IDENTITY);
+            locomotion.step(&hands, &head(), &manner, seconds);
+            assert_eq!(locomotion.world_from_space, Pose::IDENTITY, "{seconds}");
         }
-        let mut walker = Walker::new(Pose::IDENTITY);
-        walker.step(&hands, &head(), &manner, 1e6);
-        assert!((walker.world_from_space.position.length() - SNAP.speed * LONGEST_STEP).abs() < 0.1);
-        assert!(walker.world_from_space.rotation.is_normalized());
+        let mut locomotion = Locomotion::new(Pose::IDENTITY);
+        locomotion.step(&hands, &head(), &manner, 1e6);
+        assert!((locomotion.world_from_space.position.length() - SNAP.speed * LONGEST_STEP).abs() < 0.1);
+        assert!(locomotion.world_from_space.rotation.is_normalized());
     }
 
     #[test]
     fn going_back_to_the_start_faces_ahead() {
         let rest = Pose::new(DQuat::from_rotation_y(0.8), DVec3::new(1.0, 1.6, -2.0));
-        let mut walker = Walker::new(Pose::new(DQuat::from_rotation_y(2.0), DVec3::new(5.0, 7.0, 5.0)));
-        walker.rise(0.5);
-        assert_eq!(walker.world_from_space.position, DVec3::new(5.0, 7.5, 5.0));
-        walker.recentre(rest, &head());
-        let now = walker.world_from_space.then(head());
+        let mut locomotion =
+            Locomotion::new(Pose::new(DQuat::from_rotation_y(2.0), DVec3::new(5.0, 7.0, 5.0)));
+        locomotion.rise(0.5);
+        assert_eq!(locomotion.world_from_space.position, DVec3::new(5.0, 7.5, 5.0));
+        locomotion.recentre(rest, &head());
+        let now = locomotion.world_from_space.then(head());
         assert!((now.position - (rest.position + DVec3::Y * 0.1)).length() < 1e-12, "{now:?}");
         assert!(upright(now.rotation).angle_between(rest.rotation) < 1e-6);
-        assert!((walker.world_from_space.rotation * DVec3::Y - DVec3::Y).length() < 1e-12);
+        assert!((locomotion.world_from_space.rotation * DVec3::Y - DVec3::Y).length() < 1e-12);
     }
 
     #[test]
     fn a_teleport_puts_the_head_above_the_ground() {
-        let mut walker = Walker::new(Pose::new(DQuat::from_rotation_y(2.0), DVec3::new(5.0, 1.6, 5.0)));
-        walker.stand_on(DVec3::new(-1.0, 3.0, 2.0), &head(), 1.6);
-        let now = walker.world_from_space.transform_point(head().position);
+        let mut locomotion =
+            Locomotion::new(Pose::new(DQuat::from_rotation_y(2.0), DVec3::new(5.0, 1.6, 5.0)));
+        locomotion.stand_on(DVec3::new(-1.0, 3.0, 2.0), &head(), 1.6);
+        let now = locomotion.world_from_space.transform_point(head().position);
         assert!((now - DVec3::new(-1.0, 3.0 + 1.6 + 0.1, 2.0)).length() < 1e-12, "{now}");
     }
 }

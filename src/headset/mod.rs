@@ -3,7 +3,7 @@
 pub mod deadline;
 pub mod locomotion;
 pub mod mock;
+pub mod mouse_look;
 pub mod openxr;
 pub mod panel;
 pub mod rift_dk1;
-pub mod walker;

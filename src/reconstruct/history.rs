@@ -3,8 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
+use super::reprojection::projection;
 use super::tables::Tables;
-use super::warp::projection;
 use super::{Rays, rays, shaders};
 use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};

@@ -14,12 +14,12 @@
 
 mod grid;
 mod history;
+mod reprojection;
 mod settings;
 mod shaders;
 mod tables;
 #[cfg(test)]
 mod tests;
-mod warp;
 
 use std::collections::HashMap;
 
@@ -39,9 +39,9 @@ use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
 use history::{Accumulate, Fresh, History};
+use reprojection::Reprojection;
 use settings::PREPARED_BYTES;
 use tables::{Finders, Tables};
-use warp::Warp;
 
 /// Samples that one dispatch of a pass without neighbours takes.
 const SAMPLES_AT_ONCE: usize = 1 << 21;
@@ -213,7 +213,7 @@ impl Reconstruction {
                 tables: Tables::new(&self.context)?,
                 commands: Commands::new(&self.context)?,
                 dropped: HostBuffer::new(&self.context, 4)?,
-                warp: HostBuffer::new(&self.context, size_of::<Warp>())?,
+                warp: HostBuffer::new(&self.context, size_of::<Reprojection>())?,
                 history: History::default(),
             });
         }
@@ -254,7 +254,7 @@ impl Reconstruction {
         assert!(frame.shown_from.is_none() || tables.bands().len() == 1, "the view is too large to warp");
         let commands = &mut state.commands;
         commands.begin()?;
-        state.warp.write(0, &[Warp::new(frame.view, frame.shown_from)]);
+        state.warp.write(0, &[Reprojection::new(frame.view, frame.shown_from)]);
         let warp = BufferRef::from(&state.warp);
         let samples = tables.staged(&self.context, commands, &frame.samples, bytes)?;
         let dropped = BufferRef::from(&state.dropped);

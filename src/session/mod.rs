@@ -4,4 +4,4 @@ mod pace;
 mod traced;
 
 pub use pace::{Asking, Pace};
-pub use traced::{Part, Sharp, Traced};
+pub use traced::{FoveaPoint, Part, Traced};

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::frame::log::Ages;
 use crate::headset::deadline::Deadline;
-use crate::measure::stats::median;
+use crate::metrics::stats::median;
 
 /// Frames of which is remembered how long they took.
 const REMEMBERED: usize = 5;

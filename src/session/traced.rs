@@ -9,7 +9,7 @@ use crate::math::view::View;
 
 /// Where a view is sharp.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sharp {
+pub struct FoveaPoint {
     /// In 0..1 of the view.
     pub point: DVec2,
     /// Factor for the width of the region of full density.
@@ -22,7 +22,7 @@ pub struct Traced {
     /// The view, with what it has beyond what is shown.
     pub view: View,
     /// Where it is sharp.
-    pub sharp: Sharp,
+    pub fovea: FoveaPoint,
     /// The pictures that it becomes.
     pub parts: Vec<Part>,
 }
@@ -44,11 +44,16 @@ impl Traced {
     ///
     /// # Errors
     /// [`Error::Setting`] where one view cannot serve them.
-    pub fn for_views(views: &[View], sharp: &[Sharp], stereo: Stereo, margin: f64) -> Result<Vec<Traced>> {
+    pub fn for_views(
+        views: &[View],
+        fovea: &[FoveaPoint],
+        stereo: Stereo,
+        margin: f64,
+    ) -> Result<Vec<Traced>> {
         match (stereo, views) {
             (Stereo::PerEye, _) => {
-                let each = views.iter().zip(sharp).enumerate();
-                Ok(each.map(|(index, (view, sharp))| Traced::alone(index, view, *sharp, margin)).collect())
+                let each = views.iter().zip(fovea).enumerate();
+                Ok(each.map(|(index, (view, fovea))| Traced::alone(index, view, *fovea, margin)).collect())
             }
             (Stereo::Mono, [first, ..]) => {
                 if views.iter().any(|view| size(view) != size(first)) {
@@ -56,7 +61,7 @@ impl Traced {
                 }
                 let part = |view| Part { view, source: [0, 0], size: size(first) };
                 let parts = (0..views.len()).map(part).collect();
-                Ok(vec![Traced { view: *first, sharp: sharp[0], parts }])
+                Ok(vec![Traced { view: *first, fovea: fovea[0], parts }])
             }
             (Stereo::Shared, [left, right]) => {
                 let plan = Plan::stereo([*left, *right], Stereo::Shared)?;
@@ -66,23 +71,23 @@ impl Traced {
                     source: cut.source,
                     size: (cut.rect.width, cut.rect.height),
                 };
-                let point = plan.gaze_points(sharp[0].point)[0];
+                let point = plan.gaze_points(fovea[0].point)[0];
                 let parts = cuts.iter().enumerate().map(part).collect();
-                Ok(vec![Traced { view: *view, sharp: Sharp { point, ..sharp[0] }, parts }])
+                Ok(vec![Traced { view: *view, fovea: FoveaPoint { point, ..fovea[0] }, parts }])
             }
             _ => Err(per_eye("it has more than two views")),
         }
     }
 
-    fn alone(index: usize, view: &View, sharp: Sharp, margin: f64) -> Traced {
+    fn alone(index: usize, view: &View, fovea: FoveaPoint, margin: f64) -> Traced {
         let pixels = |size: u32| (f64::from(size) * margin).ceil() as u32;
         let margin = [pixels(view.width), pixels(view.height)];
         let larger = view.with_margin(margin);
         let scale = |view: &View| DVec2::new(f64::from(view.width), f64::from(view.height));
         let added = (scale(&larger) - scale(view)) * 0.5;
-        let point = (sharp.point * scale(view) + added) / scale(&larger);
+        let point = (fovea.point * scale(view) + added) / scale(&larger);
         let parts = vec![Part { view: index, source: margin, size: size(view) }];
-        Traced { view: larger, sharp: Sharp { point, ..sharp }, parts }
+        Traced { view: larger, fovea: FoveaPoint { point, ..fovea }, parts }
     }
 }
 
@@ -114,9 +119,9 @@ mod tests {
         [eye(-0.2, fov), eye(0.2, mirrored)]
     }
 
-    const LOOKS: [Sharp; 2] = [
-        Sharp { point: DVec2::new(0.3, 0.6), widening: 1.0 },
-        Sharp { point: DVec2::new(0.1, 0.6), widening: 2.5 },
+    const LOOKS: [FoveaPoint; 2] = [
+        FoveaPoint { point: DVec2::new(0.3, 0.6), widening: 1.0 },
+        FoveaPoint { point: DVec2::new(0.1, 0.6), widening: 2.5 },
     ];
 
     /// The direction of a point, in 0..1 of a view, in the world.
@@ -175,9 +180,9 @@ mod tests {
                 .zip(eyes().iter().zip(LOOKS))
             {
                 let (there, here) =
-                    (direction(&traced.view, traced.sharp.point), direction(view, look.point));
+                    (direction(&traced.view, traced.fovea.point), direction(view, look.point));
                 assert!(there.dot(here) > 1.0 - 1e-9, "{margin}");
-                assert!(traced.view.width >= view.width && traced.sharp.widening == look.widening);
+                assert!(traced.view.width >= view.width && traced.fovea.widening == look.widening);
             }
         }
     }
@@ -187,10 +192,10 @@ mod tests {
         let looks = [LOOKS[1], LOOKS[0]];
         let shared = &Traced::for_views(&eyes(), &looks, Stereo::Shared, 0.1).unwrap()[0];
         let (there, here) =
-            (direction(&shared.view, shared.sharp.point), direction(&eyes()[0], looks[0].point));
-        assert!(there.dot(here) > 1.0 - 1e-9 && shared.sharp.widening == looks[0].widening);
+            (direction(&shared.view, shared.fovea.point), direction(&eyes()[0], looks[0].point));
+        assert!(there.dot(here) > 1.0 - 1e-9 && shared.fovea.widening == looks[0].widening);
         let mono = &Traced::for_views(&eyes(), &looks, Stereo::Mono, 0.1).unwrap()[0];
-        assert_eq!((mono.sharp, mono.parts.len()), (looks[0], 2));
+        assert_eq!((mono.fovea, mono.parts.len()), (looks[0], 2));
         let four = [eyes(), eyes()].concat();
         assert!(Traced::for_views(&four, &LOOKS, Stereo::Shared, 0.0).is_err());
     }

@@ -7,18 +7,18 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::hand::{DeviceHand, Done, Hand, Job};
-use super::{SceneData, Walks};
+use super::worker::{DeviceWorker, Job, PartResult, Worker};
+use super::{SceneData, Traversals};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
 
-/// Opens a hand: called on the hand's own thread, at start and again after a failure. The number counts the
+/// Opens a worker: called on the worker's own thread, at start and again after a failure. The number counts the
 /// times.
-pub type Opener = Box<dyn Fn(u32) -> Result<Box<dyn Hand>> + Send>;
+pub type Opener = Box<dyn Fn(u32) -> Result<Box<dyn Worker>> + Send>;
 
 /// A device, and its variants of the kernels or why it is of no use.
-pub type Tried = (Device, std::result::Result<Walks, String>);
+pub type Tried = (Device, std::result::Result<Traversals, String>);
 
 /// How long devices may take to open: drivers build kernels meanwhile.
 const OPENING: Duration = Duration::from_secs(600);
@@ -72,14 +72,14 @@ struct Order {
 enum Answer {
     Opened(std::result::Result<(), String>),
     /// The round that it belongs to, and the result.
-    Traced(u64, std::result::Result<Box<Done>, String>),
+    Traced(u64, std::result::Result<Box<PartResult>, String>),
 }
 
 /// What became of a round's parts.
 #[derive(Debug, Default)]
 pub struct Round {
     /// Parts that are done, with the index of the device.
-    pub done: Vec<(usize, Done)>,
+    pub done: Vec<(usize, PartResult)>,
     /// Parts that devices have left undone.
     pub lost: Vec<Part>,
 }
@@ -89,8 +89,13 @@ impl Fleet {
     ///
     /// # Errors
     /// Where none of them can be used: the first one's reason.
-    pub fn of_devices(devices: &[(Device, Walks)], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
-        let fit: Vec<Tried> = devices.iter().map(|(device, walks)| (device.clone(), Ok(*walks))).collect();
+    pub fn of_devices(
+        devices: &[(Device, Traversals)],
+        data: &Arc<SceneData>,
+        direct: bool,
+    ) -> Result<Fleet> {
+        let fit: Vec<Tried> =
+            devices.iter().map(|(device, traversals)| (device.clone(), Ok(*traversals))).collect();
         Self::of_tried(&fit, data, direct)
     }
 
@@ -99,20 +104,20 @@ impl Fleet {
     /// # Errors
     /// As [`Fleet::of_devices`].
     pub fn of_tried(devices: &[Tried], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
-        let opener = |(index, (device, walks)): (usize, &Tried)| {
-            let (device, walks, data) = (device.clone(), walks.clone(), data.clone());
+        let opener = |(index, (device, traversals)): (usize, &Tried)| {
+            let (device, traversals, data) = (device.clone(), traversals.clone(), data.clone());
             let mut name = device.info().name.clone();
             let twin = |other: &&Tried| other.0.info().name == name;
             if devices.iter().filter(twin).count() > 1 {
                 name += &format!(" (number {})", devices[..=index].iter().filter(twin).count());
             }
             let open: Opener = Box::new(move |times| {
-                let walks = walks
+                let traversals = traversals
                     .clone()
                     .map_err(|problem| Error::Device { device: device.info().name.clone(), problem })?;
                 Ok(Box::new(match times {
-                    0 => DeviceHand::new(&device, &data, walks, direct && index == 0)?,
-                    _ => DeviceHand::reopen(device.info(), &data, walks)?,
+                    0 => DeviceWorker::new(&device, &data, traversals, direct && index == 0)?,
+                    _ => DeviceWorker::reopen(device.info(), &data, traversals)?,
                 }))
             });
             (name, open)
@@ -247,7 +252,7 @@ impl Fleet {
     }
 
     /// Takes an answer in; what was traced in this round is handed on.
-    fn hear(&mut self, index: usize, answer: Answer) -> Option<Done> {
+    fn hear(&mut self, index: usize, answer: Answer) -> Option<PartResult> {
         let member = &mut self.members[index];
         let left = |why: &str| format!("{why}; the others do its part");
         match answer {
@@ -316,18 +321,18 @@ fn work(index: usize, open: &Opener, orders: &Receiver<Order>, answer: &Sender<(
         if answer.send((index, Answer::Opened(told))).is_err() {
             return;
         }
-        if let Ok(mut hand) = opened {
+        if let Ok(mut worker) = opened {
             loop {
                 let Ok(order) = orders.recv() else { return };
-                let traced = hand.trace(&order.job, &order.part);
+                let traced = worker.trace(&order.job, &order.part);
                 let failed = traced.is_err();
                 let told = traced.map(Box::new).map_err(|error| error.to_string());
                 if answer.send((index, Answer::Traced(order.round, told))).is_err() {
                     return;
                 }
                 if failed {
-                    if hand.is_lost() {
-                        std::mem::forget(hand);
+                    if worker.is_lost() {
+                        std::mem::forget(worker);
                     }
                     break;
                 }

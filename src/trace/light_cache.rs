@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
 use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
 
-use super::{SceneBuffers, TracePattern, Walk};
+use super::{SceneBuffers, TracePattern, Traversal};
 
 /// Paths that bring light to the cache in each frame of a view: fewer learn a new view too slowly, however small it is.
 const PATHS: u32 = 3072;
@@ -21,7 +21,7 @@ pub(super) struct LightCache {
     light_cells: Kernel,
     settle_cells: Kernel,
     forget_cells: Kernel,
-    walk: Walk,
+    traversal: Traversal,
     /// Made when it is first used.
     memory: Option<Memory>,
     info: CacheInfo,
@@ -38,13 +38,13 @@ struct Memory {
 }
 
 impl LightCache {
-    /// An empty cache for the kernels of a program, whose variant is `walk`.
-    pub fn new(program: &Program, walk: Walk, scene: &SceneBuffers) -> Result<Self> {
+    /// An empty cache for the kernels of a program, whose variant is `traversal`.
+    pub fn new(program: &Program, traversal: Traversal, scene: &SceneBuffers) -> Result<Self> {
         Ok(LightCache {
             light_cells: program.kernel("light_cells")?,
             settle_cells: program.kernel("settle_cells")?,
             forget_cells: program.kernel("forget_cells")?,
-            walk,
+            traversal,
             memory: None,
             info: CacheInfo {
                 frame: 0,
@@ -84,10 +84,10 @@ impl LightCache {
         let memory = self.memory.insert(memory);
         self.info.frame = step as u32;
         memory.counters.write(&[0, 0])?;
-        let (info, group) = (Arg::value(&self.info), self.walk.group());
+        let (info, group) = (Arg::value(&self.info), self.traversal.group());
         let args = [info, Arg::buffer(&memory.keys), Arg::buffer(&memory.cells)];
         let forget = self.forget_cells.launch(&args, SETTLERS, group)?;
-        let mut args = scene.args(self.walk);
+        let mut args = scene.args(self.traversal);
         args.extend([
             Arg::value(camera),
             Arg::value(shading),

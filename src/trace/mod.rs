@@ -3,18 +3,18 @@
 
 mod emitters;
 mod fleet;
-mod hand;
 mod light_cache;
 pub mod probe;
 mod scene_buffers;
 mod self_test;
 pub mod source;
 mod tracer;
-mod walk;
+mod traversal;
 pub mod warm;
+mod worker;
 
 pub use fleet::{Fleet, Opener, Round, State, Tried};
-pub use hand::{DeviceHand, Done, Hand, Job, Landing};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera, try_kernels};
-pub use walk::{Walk, Walks};
+pub use traversal::{Traversal, Traversals};
+pub use worker::{DeviceWorker, Job, PartResult, SampleTarget, Worker};

@@ -13,7 +13,7 @@ use crate::scene::{Environment, Features, Material, Scene};
 
 use super::source;
 use super::tracer::{self, BLOCKS_PER_TILE, Settings};
-use super::{BufferBytes, SceneBuffers, SceneData, Walk};
+use super::{BufferBytes, SceneBuffers, SceneData, Traversal};
 
 /// Rays of a bundle, which leave one point.
 pub const BUNDLE: usize = 32;
@@ -73,7 +73,7 @@ pub fn shape_of(mut scene: Scene) -> Scene {
 #[derive(Debug)]
 pub struct Probe {
     device: Device,
-    walk: Walk,
+    traversal: Traversal,
     scene: SceneBuffers,
     bytes: Vec<BufferBytes>,
     tiles: Buffer<u32>,
@@ -100,30 +100,36 @@ impl Probe {
     ///
     /// # Errors
     /// Where the kernels do not build, or the scene does not fit.
-    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh, walk: Walk) -> Result<Self> {
-        Self::with_text(device, shape, bvh, walk, &source::probe_text())
+    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh, traversal: Traversal) -> Result<Self> {
+        Self::with_text(device, shape, bvh, traversal, &source::probe_text())
     }
 
     /// The same with kernels of another text than [`source::probe_text`].
     ///
     /// # Errors
     /// As for [`Probe::new`].
-    pub fn with_text(device: &Device, shape: &Scene, bvh: &WideBvh, walk: Walk, text: &str) -> Result<Self> {
-        let options = source::options(device.info(), &Features::default(), bvh.depth(), walk);
+    pub fn with_text(
+        device: &Device,
+        shape: &Scene,
+        bvh: &WideBvh,
+        traversal: Traversal,
+        text: &str,
+    ) -> Result<Self> {
+        let options = source::options(device.info(), &Features::default(), bvh.depth(), traversal);
         let program = Program::build(device, "probe", text, &options)?;
         let darkness = Environment::constant(glam::Vec3::ZERO);
         let data = SceneData::pack(shape, bvh, &darkness)?;
         Ok(Probe {
-            scene: SceneBuffers::upload(device, &data, walk.into())?,
-            walk,
-            bytes: data.bytes(walk.into()),
+            scene: SceneBuffers::upload(device, &data, traversal.into())?,
+            traversal,
+            bytes: data.bytes(traversal.into()),
             tiles: Buffer::new(device, 1)?,
             tile_count: 0,
             anchor: shape.anchor,
             pixels: program.kernel("trace_pixels")?,
             samples: program.kernel("trace_samples")?,
-            occlusion: program.kernel("hide_bundles")?,
-            bounce: program.kernel("meet_bundles")?,
+            occlusion: program.kernel("occluded_bundles")?,
+            bounce: program.kernel("intersect_bundles")?,
             camera: layout::Camera::default(),
             sampled: Buffer::new(device, 1)?,
             sample_count: 0,
@@ -139,8 +145,8 @@ impl Probe {
     }
 
     /// The kernels' variant.
-    pub fn walk(&self) -> Walk {
-        self.walk
+    pub fn traversal(&self) -> Traversal {
+        self.traversal
     }
 
     /// The device.
@@ -221,8 +227,8 @@ impl Probe {
     }
 
     fn launch(&self, kind: RayKind) -> Result<Event> {
-        let mut args = self.scene.args(self.walk);
-        let group = self.walk.group();
+        let mut args = self.scene.args(self.traversal);
+        let group = self.traversal.group();
         match kind {
             RayKind::Pixels => {
                 args.extend([
@@ -234,7 +240,7 @@ impl Probe {
                     Arg::U32(self.camera.seed),
                 ]);
                 let blocks = self.tile_count as usize * BLOCKS_PER_TILE;
-                self.pixels.launch(&args, self.walk.items_of_blocks(blocks), group)
+                self.pixels.launch(&args, self.traversal.items_of_blocks(blocks), group)
             }
             RayKind::Samples => {
                 let count = self.sample_count as u32;
@@ -245,20 +251,20 @@ impl Probe {
                     Arg::U32(count),
                     Arg::buffer(&self.sample_hits),
                 ]);
-                let items = self.walk.items_of_samples(self.sample_count, &self.device);
-                self.samples.launch(&args, items, self.walk.group_of_streams())
+                let items = self.traversal.items_of_samples(self.sample_count, &self.device);
+                self.samples.launch(&args, items, self.traversal.group_of_streams())
             }
             RayKind::Occlusion => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.hidden));
-                let items = self.walk.items_of_bundles(self.bundle_count, &self.device);
-                self.occlusion.launch(&args, items, self.walk.group_of_streams())
+                let items = self.traversal.items_of_bundles(self.bundle_count, &self.device);
+                self.occlusion.launch(&args, items, self.traversal.group_of_streams())
             }
             RayKind::Bounce => {
                 args.extend(self.bundle_args());
                 args.push(Arg::buffer(&self.bounce_hits));
-                let items = self.walk.items_of_bundles(self.bundle_count, &self.device);
-                self.bounce.launch(&args, items, self.walk.group_of_streams())
+                let items = self.traversal.items_of_bundles(self.bundle_count, &self.device);
+                self.bounce.launch(&args, items, self.traversal.group_of_streams())
             }
         }
     }

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use glam::{Vec3, Vec4};
 use half::f16;
 
-use super::{Walk, Walks};
+use super::{Traversal, Traversals};
 use crate::bvh::WideBvh;
 use crate::bvh::compact::compact_nodes;
 use crate::error::{Error, Result};
@@ -148,7 +148,7 @@ impl SceneData {
     }
 
     /// Every buffer that a device with these variants of the kernels will hold, with its size.
-    pub fn bytes(&self, walks: Walks) -> Vec<BufferBytes> {
+    pub fn bytes(&self, traversals: Traversals) -> Vec<BufferBytes> {
         fn of<T>(name: &'static str, values: &[T]) -> Option<BufferBytes> {
             Some(BufferBytes { name, bytes: size_of_val(values).max(size_of::<T>()) })
         }
@@ -159,12 +159,14 @@ impl SceneData {
             .emitters
             .iter()
             .flat_map(|packed| [of("emitters", &packed.list), of("light tree", &packed.nodes)]);
-        let nodes = |walk, name, bytes| {
-            walks.contain(walk).then(|| BufferBytes { name, bytes: self.nodes.len().max(1) * bytes })
+        let nodes = |traversal, name, bytes| {
+            traversals
+                .contain(traversal)
+                .then(|| BufferBytes { name, bytes: self.nodes.len().max(1) * bytes })
         };
         [
-            nodes(Walk::Together, "nodes", size_of::<layout::WideNode>()),
-            nodes(Walk::Alone, "compact nodes", size_of::<layout::CompactNode>()),
+            nodes(Traversal::Packet, "nodes", size_of::<layout::WideNode>()),
+            nodes(Traversal::SingleRay, "compact nodes", size_of::<layout::CompactNode>()),
             of("leaves", &self.leaves),
             of("triangles", &self.triangles),
             of("normals", &self.normals),
@@ -190,8 +192,8 @@ impl SceneData {
     ///
     /// # Errors
     /// [`Error::Device`] with what is too large.
-    pub fn check_fit(&self, device: &Device, walks: Walks) -> Result<()> {
-        self.check_fit_with_stacks(device, walks, 0)
+    pub fn check_fit(&self, device: &Device, traversals: Traversals) -> Result<()> {
+        self.check_fit_with_stacks(device, traversals, 0)
     }
 
     /// The same where a work-item of some kernel needs `stack` bytes of its own: drivers of graphics cards set
@@ -199,15 +201,15 @@ impl SceneData {
     ///
     /// # Errors
     /// As [`SceneData::check_fit`].
-    pub fn check_fit_with_stacks(&self, device: &Device, walks: Walks, stack: u64) -> Result<()> {
-        let bytes = self.bytes(walks);
+    pub fn check_fit_with_stacks(&self, device: &Device, traversals: Traversals, stack: u64) -> Result<()> {
+        let bytes = self.bytes(traversals);
         let sum: u64 = bytes.iter().map(|b| b.bytes as u64).sum();
         let refuse = |problem: String| Err(Error::Device { device: device.info().name.clone(), problem });
         let info = device.info();
         let stacks = stacks(info, stack);
         if stacks > 0 && info.memory > 0 && sum + stacks > info.memory {
             return refuse(format!(
-                "the scene needs {} MiB, its kernels' stacks {} MiB, and it has {}; use a smaller scene, trace.walk=together, or leave this device out with --devices",
+                "the scene needs {} MiB, its kernels' stacks {} MiB, and it has {}; use a smaller scene, trace.traversal=packet, or leave this device out with --devices",
                 sum.div_ceil(1 << 20),
                 stacks.div_ceil(1 << 20),
                 info.memory >> 20
@@ -248,16 +250,18 @@ impl SceneBuffers {
     ///
     /// # Errors
     /// [`Error::Device`] where it does not fit.
-    pub fn upload(device: &Device, data: &SceneData, walks: Walks) -> Result<Self> {
+    pub fn upload(device: &Device, data: &SceneData, traversals: Traversals) -> Result<Self> {
         fn may<T: bytemuck::Pod>(device: &Device, values: &Option<Vec<T>>) -> Result<Option<Buffer<T>>> {
             values.as_ref().map(|values| Buffer::from_slice(device, values)).transpose()
         }
-        data.check_fit(device, walks)?;
+        data.check_fit(device, traversals)?;
         Ok(SceneBuffers {
-            wide: (walks.contain(Walk::Together).then(|| Buffer::from_slice(device, &data.nodes)))
+            wide: (traversals.contain(Traversal::Packet).then(|| Buffer::from_slice(device, &data.nodes)))
                 .transpose()?,
-            compact: (walks.contain(Walk::Alone).then(|| Buffer::from_slice(device, data.compact())))
-                .transpose()?,
+            compact: (traversals
+                .contain(Traversal::SingleRay)
+                .then(|| Buffer::from_slice(device, data.compact())))
+            .transpose()?,
             leaves: Buffer::from_slice(device, &data.leaves)?,
             triangles: Buffer::from_slice(device, &data.triangles)?,
             normals: Buffer::from_slice(device, &data.normals)?,
@@ -283,11 +287,11 @@ impl SceneBuffers {
     pub(super) const ARGUMENTS: usize = 17;
 
     /// The first arguments of a variant's kernels, in the order of `SCENE_PARAMETERS`.
-    pub fn args(&self, walk: Walk) -> Vec<Arg<'_>> {
+    pub fn args(&self, traversal: Traversal) -> Vec<Arg<'_>> {
         vec![
-            match walk {
-                Walk::Together => Arg::optional(&self.wide),
-                Walk::Alone => Arg::optional(&self.compact),
+            match traversal {
+                Traversal::Packet => Arg::optional(&self.wide),
+                Traversal::SingleRay => Arg::optional(&self.compact),
             },
             Arg::buffer(&self.leaves),
             Arg::buffer(&self.triangles),
@@ -444,7 +448,7 @@ fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, Vec<[u8; 4]
 
 /// Linear values of the 256 sRGB codes: a look-up is an order of magnitude cheaper than the power.
 fn srgb_codes() -> Vec<f32> {
-    (0..=255u8).map(|code| crate::measure::display::linear_from_srgb(f32::from(code) / 255.0)).collect()
+    (0..=255u8).map(|code| crate::metrics::display::linear_from_srgb(f32::from(code) / 255.0)).collect()
 }
 
 fn pack_lights(scene: &Scene) -> Vec<layout::Light> {

@@ -120,14 +120,15 @@ fn expected(view: &View, at: u32) -> (f64, bool) {
 mod tests {
     use super::*;
     use crate::gpu::opencl::device;
-    use crate::trace::{Walk, source};
+    use crate::trace::{Traversal, source};
 
     /// The test's verdict on kernels of which a piece is replaced.
     fn verdict(device: &Device, piece: &str, wrong: &str) -> Result<()> {
         let text = source::text();
         assert!(text.contains(piece), "the kernels have no {piece:?}");
-        let (features, walks) = (crate::scene::Features::default(), Walk::for_device(device).into());
-        let programs = Programs::build_text(device, &text.replace(piece, wrong), &features, 12, walks)?;
+        let (features, traversals) =
+            (crate::scene::Features::default(), Traversal::for_device(device).into());
+        let programs = Programs::build_text(device, &text.replace(piece, wrong), &features, 12, traversals)?;
         run(device, &programs)
     }
 

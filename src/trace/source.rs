@@ -1,6 +1,6 @@
 //! The kernels' text, and the options they are built with.
 
-use super::Walk;
+use super::Traversal;
 use crate::gpu::opencl::DeviceInfo;
 use crate::scene::Features;
 
@@ -88,7 +88,7 @@ fn lanes_of_bits() -> String {
 
 /// Build options for a device: every feature and the variant, always defined, whether to prefetch, and the depth of
 /// the kernels' stacks.
-pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, walk: Walk) -> String {
+pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, traversal: Traversal) -> String {
     let mut options = String::from("-cl-std=CL1.2");
     for (name, on) in features.defines() {
         options += &format!(" -D {name}={}", u32::from(on));
@@ -96,7 +96,7 @@ pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, walk: 
     // Seven siblings wait at every level, and eight are written where some count. Rounded up, so that scenes
     // share built kernels.
     let entries = (tree_depth * 7 + 9).next_multiple_of(64);
-    let [single, prefetch] = [walk == Walk::Alone, prefetches(device)].map(u32::from);
+    let [single, prefetch] = [traversal == Traversal::SingleRay, prefetches(device)].map(u32::from);
     options + &format!(" -D SINGLE_RAYS={single} -D PREFETCH={prefetch} -D STACK_SIZE={entries}")
 }
 

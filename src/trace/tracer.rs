@@ -12,7 +12,7 @@ use crate::scene::{Environment, Features, Scene};
 
 use super::light_cache::LightCache;
 use super::source;
-use super::{SceneBuffers, SceneData, Walk, Walks};
+use super::{SceneBuffers, SceneData, Traversal, Traversals};
 
 /// Work-items of `trace_pixels`, `describe_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
 pub(super) const BLOCKS_PER_TILE: usize = 4;
@@ -66,7 +66,7 @@ pub struct Traced {
 pub struct Tracer {
     device: Device,
     scene: SceneBuffers,
-    walks: Walks,
+    traversals: Traversals,
     anchor: glam::DVec3,
     trace_pixels: Kernel,
     trace_samples: Kernel,
@@ -139,15 +139,15 @@ pub struct InFlight {
 
 /// Built kernels of the variants that a device uses.
 pub(super) struct Programs {
-    walks: Walks,
+    traversals: Traversals,
     pixels: Program,
     /// Exists where it is another variant.
     bundles: Option<Program>,
 }
 
 impl Programs {
-    fn build(device: &Device, features: &Features, depth: u32, walks: Walks) -> Result<Programs> {
-        Self::build_text(device, &source::text(), features, depth, walks)
+    fn build(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> Result<Programs> {
+        Self::build_text(device, &source::text(), features, depth, traversals)
     }
 
     /// Builds kernels from a text that may be another one than [`source::text`].
@@ -156,12 +156,13 @@ impl Programs {
         text: &str,
         features: &Features,
         depth: u32,
-        walks: Walks,
+        traversals: Traversals,
     ) -> Result<Programs> {
-        let options = |walk| source::options(device.info(), features, depth, walk);
-        let build = |walk| Program::build(device, "foveate", text, &options(walk));
-        let bundles = (walks.bundles != walks.pixels).then(|| build(walks.bundles)).transpose()?;
-        Ok(Programs { walks, pixels: build(walks.pixels)?, bundles })
+        let options = |traversal| source::options(device.info(), features, depth, traversal);
+        let build = |traversal| Program::build(device, "foveate", text, &options(traversal));
+        let bundles =
+            (traversals.bundles != traversals.pixels).then(|| build(traversals.bundles)).transpose()?;
+        Ok(Programs { traversals, pixels: build(traversals.pixels)?, bundles })
     }
 
     /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
@@ -182,7 +183,7 @@ impl Tracer {
     /// Where the kernels do not build, or the scene does not fit.
     pub fn new(device: &Device, scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
         let features = Features::required_by(scene, environment);
-        Self::with_features(device, scene, bvh, environment, &features, Walk::for_device(device))
+        Self::with_features(device, scene, bvh, environment, &features, Traversal::for_device(device))
     }
 
     /// Builds the variants of the kernels that a packed scene requires, has the device show that they work, and
@@ -191,9 +192,9 @@ impl Tracer {
     /// # Errors
     /// Where the kernels do not build, the device computes something else than it should, or the scene does
     /// not fit.
-    pub fn open(device: &Device, data: &SceneData, walks: Walks) -> Result<Self> {
-        data.check_fit(device, walks)?;
-        let programs = Programs::build(device, &data.features, data.depth, walks)?;
+    pub fn open(device: &Device, data: &SceneData, traversals: Traversals) -> Result<Self> {
+        data.check_fit(device, traversals)?;
+        let programs = Programs::build(device, &data.features, data.depth, traversals)?;
         super::self_test::run(device, &programs)?;
         Self::with_programs(device, &programs, data)
     }
@@ -206,22 +207,22 @@ impl Tracer {
         bvh: &WideBvh,
         environment: &Environment,
         features: &Features,
-        walks: impl Into<Walks>,
+        traversals: impl Into<Traversals>,
     ) -> Result<Self> {
         let data = SceneData::pack(scene, bvh, environment)?;
-        let programs = Programs::build(device, features, data.depth, walks.into())?;
+        let programs = Programs::build(device, features, data.depth, traversals.into())?;
         Self::with_programs(device, &programs, &data)
     }
 
     pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
         let program = &programs.pixels;
-        data.check_fit_with_stacks(device, programs.walks, programs.largest_stack()?)?;
+        data.check_fit_with_stacks(device, programs.traversals, programs.largest_stack()?)?;
         let bundles = programs.bundles.as_ref().unwrap_or(program);
-        let scene = SceneBuffers::upload(device, data, programs.walks)?;
+        let scene = SceneBuffers::upload(device, data, programs.traversals)?;
         Ok(Tracer {
-            light: LightCache::new(bundles, programs.walks.bundles, &scene)?,
+            light: LightCache::new(bundles, programs.traversals.bundles, &scene)?,
             scene,
-            walks: programs.walks,
+            traversals: programs.traversals,
             anchor: data.anchor,
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
@@ -405,7 +406,7 @@ impl Tracer {
             Arg::buffer(records),
             Arg::buffer(&packed),
         ];
-        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, self.walks.pixels.group())?;
+        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, self.traversals.pixels.group())?;
         packed.to_vec()
     }
 
@@ -479,22 +480,22 @@ impl Tracer {
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Vec<Event>> {
         let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
-        let group = self.walks.pixels.group();
+        let group = self.traversals.pixels.group();
         let blocks = count as usize * BLOCKS_PER_TILE;
-        let mut args = self.scene.args(self.walks.pixels);
+        let mut args = self.scene.args(self.traversals.pixels);
         args.push(Arg::value(camera));
         args.extend(tiles);
         args.push(Arg::buffer(&self.hits));
         let blends = self.may_blend && edge_rays > 0;
         args.push(Arg::U32(if blends { MEET_BLENDS } else { camera.seed }));
-        let items = self.walks.pixels.items_of_blocks(blocks);
+        let items = self.traversals.pixels.items_of_blocks(blocks);
         let mut events = vec![self.trace_pixels.launch(&args, items, group)?];
         if blends {
             args.pop();
             args.push(Arg::buffer(&self.alphas));
             events.push(self.settle_blends.launch(&args, blocks, group)?);
         }
-        let mut args = self.scene.args(self.walks.pixels);
+        let mut args = self.scene.args(self.traversals.pixels);
         args.extend([Arg::value(camera), Arg::value(shading)]);
         args.extend(tiles);
         args.extend([Arg::buffer(&self.hits), Arg::buffer(records), Arg::buffer(&self.counters)]);
@@ -517,7 +518,7 @@ impl Tracer {
             Arg::buffer(&self.alphas),
             Arg::buffer(records),
         ];
-        self.share_blends.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.walks.pixels.group())
+        self.share_blends.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.traversals.pixels.group())
     }
 
     fn share_edges(
@@ -528,7 +529,7 @@ impl Tracer {
         part: &Part,
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Event> {
-        let mut args = self.scene.args(self.walks.pixels);
+        let mut args = self.scene.args(self.traversals.pixels);
         args.extend([
             Arg::value(camera),
             Arg::U32(rays),
@@ -539,7 +540,7 @@ impl Tracer {
             Arg::buffer(records),
             Arg::buffer(&self.counters),
         ]);
-        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.walks.pixels.group())
+        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.traversals.pixels.group())
     }
 
     fn trace_only_samples(
@@ -548,7 +549,7 @@ impl Tracer {
         pattern: &TracePattern,
         part: &Part,
     ) -> Result<Event> {
-        let mut args = self.scene.args(self.walks.pixels);
+        let mut args = self.scene.args(self.traversals.pixels);
         args.extend([
             Arg::value(camera),
             Arg::buffer(&pattern.samples),
@@ -556,9 +557,9 @@ impl Tracer {
             Arg::U32(part.samples.len() as u32),
             Arg::buffer(&self.hits),
         ]);
-        let walk = self.walks.pixels;
-        let items = walk.items_of_samples(part.samples.len(), &self.device);
-        self.trace_samples.launch(&args, items, walk.group_of_streams())
+        let traversal = self.traversals.pixels;
+        let items = traversal.items_of_samples(part.samples.len(), &self.device);
+        self.trace_samples.launch(&args, items, traversal.group_of_streams())
     }
 
     fn shade(
@@ -570,7 +571,7 @@ impl Tracer {
         visibility: Option<&Buffer<VisibilityRecord>>,
         samples: &Buffer<SampleRecord>,
     ) -> Result<Event> {
-        let mut args = self.scene.args(self.walks.bundles);
+        let mut args = self.scene.args(self.traversals.bundles);
         args.extend([
             Arg::value(camera),
             Arg::value(shading),
@@ -583,9 +584,9 @@ impl Tracer {
         ]);
         args.extend(self.light.args());
         args.push(Arg::buffer(&self.counters));
-        let walk = self.walks.bundles;
-        let items = walk.items_of_streams(part.samples.len(), &self.device);
-        self.shade_samples.launch(&args, items, walk.group_of_streams())
+        let traversal = self.traversals.bundles;
+        let items = traversal.items_of_streams(part.samples.len(), &self.device);
+        self.shade_samples.launch(&args, items, traversal.group_of_streams())
     }
 }
 
@@ -599,9 +600,9 @@ fn untraced(device: &Device, count: usize) -> Result<Buffer<HitRecord>> {
 ///
 /// # Errors
 /// As [`Tracer::open`], but for the scene.
-pub fn try_kernels(device: &Device, features: &Features, depth: u32, walks: Walks) -> Result<()> {
+pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> Result<()> {
     isolated::stage("building the kernels of frames");
-    let programs = Programs::build(device, features, depth, walks)?;
+    let programs = Programs::build(device, features, depth, traversals)?;
     isolated::stage("tracing the self-test");
     super::self_test::run(device, &programs)
 }

@@ -7,10 +7,10 @@ use serde::Serialize;
 use crate::error::Result;
 use crate::gpu::opencl::{Arg, Buffer, Device, Kernel, Program};
 use crate::layout::{CacheInfo, Camera, Shading};
-use crate::measure::stats::median;
+use crate::metrics::stats::median;
 use crate::scene::Features;
 
-use super::Walk;
+use super::Traversal;
 use super::source;
 
 /// Times in milliseconds.
@@ -35,13 +35,13 @@ pub fn kernel_times(
     device: &Device,
     features: &Features,
     depth: u32,
-    walk: Walk,
+    traversal: Traversal,
     cold: bool,
 ) -> Result<KernelTimes> {
-    let options = source::options(device.info(), features, depth, walk);
+    let options = source::options(device.info(), features, depth, traversal);
     let build = |options: &str| -> Result<(f64, Idle)> {
         let start = Instant::now();
-        let idle = Idle::build(device, walk, options)?;
+        let idle = Idle::build(device, traversal, options)?;
         idle.launch()?;
         Ok((start.elapsed().as_secs_f64() * 1e3, idle))
     };
@@ -66,18 +66,18 @@ fn nonce() -> u128 {
 /// A frame's kernels with nothing to do.
 struct Idle {
     device: Device,
-    walk: Walk,
+    traversal: Traversal,
     kernels: Vec<(&'static str, Kernel)>,
     counters: Buffer<u32>,
 }
 
 impl Idle {
-    fn build(device: &Device, walk: Walk, options: &str) -> Result<Idle> {
+    fn build(device: &Device, traversal: Traversal, options: &str) -> Result<Idle> {
         let program = Program::build(device, "foveate", &source::text(), options)?;
         let names = ["trace_pixels", "trace_samples", "describe_pixels", "share_edges", "shade_samples"];
         let kernels =
             names.into_iter().map(|name| Ok((name, program.kernel(name)?))).collect::<Result<_>>()?;
-        Ok(Idle { device: device.clone(), walk, kernels, counters: Buffer::new(device, 2)? })
+        Ok(Idle { device: device.clone(), traversal, kernels, counters: Buffer::new(device, 2)? })
     }
 
     fn launch(&self) -> Result<()> {
@@ -123,8 +123,8 @@ impl Idle {
                 ]),
             }
             let group = match *name {
-                "shade_samples" | "trace_samples" => self.walk.group_of_streams(),
-                _ => self.walk.group(),
+                "shade_samples" | "trace_samples" => self.traversal.group_of_streams(),
+                _ => self.traversal.group(),
             };
             kernel.launch(&args, 1, group)?;
         }

@@ -1,6 +1,6 @@
 //! `foveate measure`, and its page in a browser.
 
-use foveate::measure::Picture;
+use foveate::metrics::Picture;
 
 use super::*;
 
@@ -55,9 +55,9 @@ fn a_measurement_reports_its_points_and_goes_on_where_it_was() {
         assert_eq!(point(name)["config"].pointer(path), Some(&expected), "{name}");
     }
     // The other variant of the kernels makes the same picture, up to what rounding does.
-    let walk = points.iter().find(|p| p["axis"] == "walk").expect("the kernels' variants");
-    let apart = walk["foveated_score"].as_f64().unwrap() - value("as given", "foveated_score");
-    assert!(apart.abs() < 0.05, "{walk}");
+    let traversal = points.iter().find(|p| p["axis"] == "traversal").expect("the kernels' variants");
+    let apart = traversal["foveated_score"].as_f64().unwrap() - value("as given", "foveated_score");
+    assert!(apart.abs() < 0.05, "{traversal}");
     // What was traced a frame ago is not what is seen now, and correcting that helps.
     let late = |name: &str| value(&format!("late correction {name}"), "foveated_score");
     assert!(late("on") > late("off") && late("off") < value("as given", "foveated_score"));

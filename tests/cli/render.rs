@@ -1,6 +1,6 @@
 //! `foveate render`: each flag does what it says.
 
-use foveate::measure::{Display, Picture};
+use foveate::metrics::{Display, Picture};
 
 use super::*;
 

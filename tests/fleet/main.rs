@@ -8,14 +8,14 @@ mod slow;
 use std::sync::Arc;
 
 use foveate::config::{Config, Method, Samples};
-use foveate::frame::{Crew, FrameReport, Loaded, Output, Plan, Renderer};
+use foveate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Scheduler};
 use foveate::gpu::interop::{self, Sharing};
 use foveate::gpu::opencl::{Device, DeviceInfo, device};
 use foveate::gpu::vulkan::Context;
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::generate::voxel_town;
-use foveate::trace::{DeviceHand, Fleet, Hand, Opener, SceneData, Walk, Walks};
+use foveate::trace::{DeviceWorker, Fleet, Opener, SceneData, Traversal, Traversals, Worker};
 use glam::{DVec2, DVec3};
 
 use hands::{Failing, Fault};
@@ -77,14 +77,14 @@ fn data(loaded: &Loaded) -> Arc<SceneData> {
 fn opener(
     device: &Device,
     data: &Arc<SceneData>,
-    wrap: impl Fn(DeviceHand, u32) -> Box<dyn Hand> + Send + 'static,
+    wrap: impl Fn(DeviceWorker, u32) -> Box<dyn Worker> + Send + 'static,
 ) -> (String, Opener) {
     let (device, data) = (device.clone(), data.clone());
     let name = device.info().name.clone();
     (
         name,
         Box::new(move |times| {
-            Ok(wrap(DeviceHand::new(&device, &data, Walk::for_device(&device).into(), false)?, times))
+            Ok(wrap(DeviceWorker::new(&device, &data, Traversal::for_device(&device).into(), false)?, times))
         }),
     )
 }
@@ -109,14 +109,14 @@ fn alone(device: &Device, context: &Context, loaded: &Loaded, config: &Config, f
     made.into_iter().map(|(picture, _)| picture).collect()
 }
 
-fn with_crew(
+fn with_scheduler(
     openers: Vec<(String, Opener)>,
     context: &Context,
     loaded: &Loaded,
     config: &Config,
 ) -> Renderer {
-    let crew = Crew::new(Fleet::new(openers).unwrap(), None);
-    Renderer::with_crew(crew, context, loaded, config, Output::Display).unwrap().0
+    let scheduler = Scheduler::new(Fleet::new(openers).unwrap(), None);
+    Renderer::with_scheduler(scheduler, context, loaded, config, Output::Display).unwrap().0
 }
 
 #[test]
@@ -140,9 +140,9 @@ fn pictures_do_not_depend_on_how_they_are_split() {
         assert_eq!(equal.sharing() == Sharing::ZeroCopy, direct);
         assert!(found.iter().zip(&truth).all(|((picture, _), truth)| picture == truth), "{method:?}, equal");
 
-        let slow = opener(&parts[1], &scene, |hand, _| Box::new(Slow { hand, times: 4 }));
-        let fast = opener(&parts[0], &scene, |hand, _| Box::new(hand));
-        let mut unequal = with_crew(vec![fast, slow], &context, &loaded, &config);
+        let slow = opener(&parts[1], &scene, |worker, _| Box::new(Slow { worker, times: 4 }));
+        let fast = opener(&parts[0], &scene, |worker, _| Box::new(worker));
+        let mut unequal = with_scheduler(vec![fast, slow], &context, &loaded, &config);
         let found = pictures(&mut unequal, &plan(&loaded), 4);
         let last = &found[3].1.devices;
         println!("{method:?}: shares of a device and one four times as slow: {last:?}");
@@ -165,9 +165,10 @@ fn devices_with_different_kernels_share_a_picture() {
     let scene = data(&loaded);
     let config = config(Method::Guided);
     let truth = alone(&Device::open(&info).unwrap(), &context, &loaded, &config, 2);
-    let walking: Vec<_> = parts.into_iter().zip(Walk::ALL.map(Walks::from)).collect();
+    let walking: Vec<_> = parts.into_iter().zip(Traversal::ALL.map(Traversals::from)).collect();
     let fleet = Fleet::of_devices(&walking, &scene, false).unwrap();
-    let made = Renderer::with_crew(Crew::new(fleet, None), &context, &loaded, &config, Output::Display);
+    let made =
+        Renderer::with_scheduler(Scheduler::new(fleet, None), &context, &loaded, &config, Output::Display);
     let found = pictures(&mut made.unwrap().0, &plan(&loaded), 2);
     for ((picture, report), truth) in found.iter().zip(&truth) {
         assert!(report.devices.iter().all(|d| d.samples > 0));
@@ -188,11 +189,11 @@ fn a_failing_device_leaves_no_hole_and_comes_back() {
     let config = config(Method::Guided);
     let truth = alone(&Device::open(&info).unwrap(), &context, &loaded, &config, 4);
     for (fault, note) in [(Fault::Error, "out of paper"), (Fault::Hang, "does not answer")] {
-        let sound = opener(&parts[0], &scene, |hand, _| Box::new(hand));
-        let failing = opener(&parts[1], &scene, move |hand, times| {
-            Box::new(Failing { hand, fault: (times == 0).then_some(fault), after: 2 })
+        let sound = opener(&parts[0], &scene, |worker, _| Box::new(worker));
+        let failing = opener(&parts[1], &scene, move |worker, times| {
+            Box::new(Failing { worker, fault: (times == 0).then_some(fault), after: 2 })
         });
-        let mut renderer = with_crew(vec![sound, failing], &context, &loaded, &config);
+        let mut renderer = with_scheduler(vec![sound, failing], &context, &loaded, &config);
         let found = pictures(&mut renderer, &plan(&loaded), 4);
         assert!(found.iter().zip(&truth).all(|((picture, _), truth)| picture == truth), "{fault:?}");
         let samples: Vec<u64> = found.iter().map(|(_, report)| report.devices[1].samples).collect();
@@ -226,6 +227,6 @@ fn devices_that_cannot_be_used_are_left_out_with_a_sentence() {
     let found = pictures(&mut renderer, &plan(&loaded), 1);
     assert_eq!(found[0].1.devices[1].samples, 0);
     let error =
-        Fleet::of_devices(&[(small, Walk::Together.into())], &scene, false).err().unwrap().to_string();
+        Fleet::of_devices(&[(small, Traversal::Packet.into())], &scene, false).err().unwrap().to_string();
     assert!(error.contains("a small one: the scene needs"), "{error}");
 }

@@ -9,7 +9,7 @@ use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{Environment, Features, Scene};
-use foveate::trace::{Settings, Tracer, Walk, Walks};
+use foveate::trace::{Settings, Tracer, Traversal, Traversals};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
@@ -68,7 +68,7 @@ impl Bench {
     }
 
     pub fn with(device: &Device, scene: &Scene, environment: &Environment, features: &Features) -> Self {
-        Self::walking(device, scene, environment, features, Walk::for_device(device))
+        Self::walking(device, scene, environment, features, Traversal::for_device(device))
     }
 
     pub fn walking(
@@ -76,10 +76,10 @@ impl Bench {
         scene: &Scene,
         environment: &Environment,
         features: &Features,
-        walk: Walk,
+        traversal: Traversal,
     ) -> Self {
         let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-        Self::over(device, scene, environment, features, walk, bvh)
+        Self::over(device, scene, environment, features, traversal, bvh)
     }
 
     /// With a tree that is there already.
@@ -88,10 +88,10 @@ impl Bench {
         scene: &Scene,
         environment: &Environment,
         features: &Features,
-        walk: impl Into<Walks>,
+        traversal: impl Into<Traversals>,
         bvh: WideBvh,
     ) -> Self {
-        let tracer = Tracer::with_features(device, scene, &bvh, environment, features, walk).unwrap();
+        let tracer = Tracer::with_features(device, scene, &bvh, environment, features, traversal).unwrap();
         Bench { bvh, tracer, device: device.clone() }
     }
 

@@ -3,7 +3,7 @@
 use foveate::foveation::Pattern;
 use foveate::math::view::View;
 use foveate::scene::{AlphaMode, Environment, Light, LightKind, Material, Scene};
-use foveate::trace::{Settings, Walk};
+use foveate::trace::{Settings, Traversal};
 use glam::{DVec3, Vec3};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device, view};
@@ -63,14 +63,14 @@ fn lit(bench: &mut Bench, view: &View, steps: std::ops::Range<u64>) -> Pattern {
 #[test]
 fn it_is_as_bright_as_paths_are() {
     on_every_device(|device| {
-        for walk in Walk::ALL {
-            let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, walk);
+        for traversal in Traversal::ALL {
+            let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, traversal);
             let view = inside(-2.0);
             lit(&mut bench, &view, 0..60);
             let direct = mean(&mut bench, &view, &GUIDED, 2);
             let paths = mean(&mut bench, &view, &Settings { bounces: 4, ..GUIDED }, 8);
             let cached = mean(&mut bench, &view, &CACHED, 4);
-            println!("{}: direct {direct:.4}, four bounces {paths:.4}, cached {cached:.4}", walk.name());
+            println!("{}: direct {direct:.4}, four bounces {paths:.4}, cached {cached:.4}", traversal.name());
             assert!(paths > 1.2 * direct);
             // It leaves no bounce out: the fifth and later ones are up to a thirtieth here.
             assert!((0.97..1.06).contains(&(cached / paths)), "{cached} for {paths}");
@@ -82,7 +82,7 @@ fn it_is_as_bright_as_paths_are() {
 #[test]
 fn no_light_leaks_through_a_wall() {
     on_every_device(|device| {
-        let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, Walk::for_device(device));
+        let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, Traversal::for_device(device));
         let (first, second) = (inside(-2.0), inside(2.0));
         lit(&mut bench, &first, 0..40);
         let bright = mean(&mut bench, &first, &CACHED, 1);
@@ -97,7 +97,7 @@ fn no_light_leaks_through_a_wall() {
         let mut open = rooms();
         open.mesh.triangles.pop();
         open.mesh.materials.pop();
-        let mut bench = Bench::walking(device, &open, &dark(), &EVERYTHING, Walk::for_device(device));
+        let mut bench = Bench::walking(device, &open, &dark(), &EVERYTHING, Traversal::for_device(device));
         lit(&mut bench, &second, 0..30);
         assert!(mean(&mut bench, &second, &CACHED, 1) > 0.02 * bright);
     });
@@ -107,12 +107,12 @@ fn no_light_leaks_through_a_wall() {
 fn the_same_steps_make_the_same_cache() {
     on_every_device(|device| {
         let view = inside(-2.0);
-        let filled = |walk: Walk| {
-            let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, walk);
+        let filled = |traversal: Traversal| {
+            let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, traversal);
             let pattern = lit(&mut bench, &view, 0..12);
             bench.trace(&view, &CACHED, &pattern).samples
         };
-        let walk = Walk::for_device(device);
-        assert_eq!(filled(walk), filled(walk));
+        let traversal = Traversal::for_device(device);
+        assert_eq!(filled(traversal), filled(traversal));
     });
 }

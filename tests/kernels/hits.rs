@@ -5,7 +5,7 @@ use foveate::gpu::opencl::Device;
 use foveate::math::view::View;
 use foveate::reference::{self, Tracer};
 use foveate::scene::{Environment, Scene};
-use foveate::trace::{Walk, Walks};
+use foveate::trace::{Traversal, Traversals};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -41,22 +41,24 @@ fn disagreements(scene: &Scene, view: &View, picture: &Picture) -> (usize, Vec<u
 
 /// All pixels' hits; sometimes by way of samples, sometimes by way of pixels.
 fn trace(device: &Device, scene: &Scene, view: &View, guided: bool) -> Picture {
-    trace_by(device, scene, view, guided, Walk::for_device(device))
+    trace_by(device, scene, view, guided, Traversal::for_device(device))
 }
 
-fn trace_by(device: &Device, scene: &Scene, view: &View, guided: bool, walk: Walk) -> Picture {
+fn trace_by(device: &Device, scene: &Scene, view: &View, guided: bool, traversal: Traversal) -> Picture {
     let light = Environment::constant(Vec3::ONE);
     let settings = foveate::trace::Settings { rays: 1, guided, ..PLAIN };
-    Bench::walking(device, scene, &light, &EVERYTHING, walk).trace(view, &settings, &all_pixels(view))
+    Bench::walking(device, scene, &light, &EVERYTHING, traversal).trace(view, &settings, &all_pixels(view))
 }
 
 fn check(device: &Device, name: &str, scene: &Scene, view: &View) {
-    for (walk, guided) in Walk::ALL.into_iter().flat_map(|walk| [false, true].map(|guided| (walk, guided))) {
-        let picture = trace_by(device, scene, view, guided, walk);
+    for (traversal, guided) in
+        Traversal::ALL.into_iter().flat_map(|traversal| [false, true].map(|guided| (traversal, guided)))
+    {
+        let picture = trace_by(device, scene, view, guided, traversal);
         let (hits, wrong) = disagreements(scene, view, &picture);
         println!(
             "{name}, {}: {} rays, {hits} hits, {} disagreements",
-            walk.name(),
+            traversal.name(),
             view.pixels(),
             wrong.len()
         );
@@ -142,10 +144,10 @@ fn closed_surface_has_no_holes() {
             ] {
                 let eye = middle + offset * f64::from(radius);
                 let view = view(eye, eye + target * f64::from(radius), 150.0, (300, 300));
-                for walk in Walk::ALL {
-                    let picture = trace_by(device, &scene, &view, false, walk);
+                for traversal in Traversal::ALL {
+                    let picture = trace_by(device, &scene, &view, false, traversal);
                     let misses = picture.hits.iter().filter(|hit| hit.triangle == u32::MAX).count();
-                    assert_eq!(misses, 0, "{levels} {centre} {radius} {}: holes", walk.name());
+                    assert_eq!(misses, 0, "{levels} {centre} {radius} {}: holes", traversal.name());
                     rays += view.pixels();
                 }
             }
@@ -167,11 +169,11 @@ fn no_light_leaks_into_a_closed_surface() {
             let eye = centre.as_dvec3() + DVec3::new(0.1, 0.2, 0.3) * f64::from(radius);
             let view = view(eye, centre.as_dvec3(), 150.0, (32, 32));
             let settings = foveate::trace::Settings { rays: 256, ..PLAIN };
-            for walk in Walk::ALL {
-                let mut bench = Bench::walking(device, &scene, &light, &EVERYTHING, walk);
+            for traversal in Traversal::ALL {
+                let mut bench = Bench::walking(device, &scene, &light, &EVERYTHING, traversal);
                 let picture = bench.trace(&view, &settings, &all_pixels(&view));
                 let lit = picture.samples.iter().filter(|sample| sample.first != [0.0; 3]).count();
-                assert_eq!(lit, 0, "{centre} {radius} {}: {lit} of 1024 samples see light", walk.name());
+                assert_eq!(lit, 0, "{centre} {radius} {}: {lit} of 1024 samples see light", traversal.name());
                 assert!(picture.rays > 200_000);
             }
         }
@@ -186,14 +188,14 @@ fn a_million_coincident_triangles_are_hit() {
         scene.mesh.triangles = vec![[0, 1, 2]; 1_000_000];
         scene.mesh.materials = vec![0; 1_000_000];
         let view = view(DVec3::new(0.3, 0.3, 0.4), DVec3::new(0.3, 0.3, 0.0), 60.0, (8, 8));
-        for walk in Walk::ALL {
-            let picture = trace_by(device, &scene, &view, true, walk);
+        for traversal in Traversal::ALL {
+            let picture = trace_by(device, &scene, &view, true, traversal);
             for (pixel, hit) in picture.hits.iter().enumerate() {
                 let at = DVec2::new((pixel % 8) as f64, (pixel / 8) as f64) + 0.5;
                 let ray = reference::camera_ray(&scene, &view, at);
                 let p = ray.at(-ray.origin.z / ray.direction.z);
                 let inside = p.x > 1e-6 && p.y > 1e-6 && p.x + p.y < 1.0 - 1e-6;
-                assert_eq!(hit.triangle != u32::MAX, inside, "{} {pixel}", walk.name());
+                assert_eq!(hit.triangle != u32::MAX, inside, "{} {pixel}", traversal.name());
                 assert!(!inside || (f64::from(hit.t) - ray.origin.distance(p)).abs() < 1e-6, "{hit:?}");
             }
         }
@@ -227,21 +229,23 @@ fn refitted_trees_are_hit_where_the_reference_says() {
             let mut scene = before.clone();
             scene.mesh.positions.iter_mut().for_each(|p| *p = motion(*p));
             let view = view(DVec3::new(9.0, 4.0, 13.0), DVec3::ZERO, 60.0, SIZE);
-            let trace = |bvh: WideBvh, walk: Walk, guided: bool| {
+            let trace = |bvh: WideBvh, traversal: Traversal, guided: bool| {
                 let light = Environment::constant(Vec3::ONE);
                 let settings = foveate::trace::Settings { rays: 1, guided, ..PLAIN };
-                let mut bench = Bench::over(device, &scene, &light, &EVERYTHING, walk, bvh);
+                let mut bench = Bench::over(device, &scene, &light, &EVERYTHING, traversal, bvh);
                 disagreements(&scene, &view, &bench.trace(&view, &settings, &all_pixels(&view)))
             };
             let mut tree = built.clone();
             let growth = tree.refit(&scene.mesh.positions, &scene.mesh.triangles).unwrap().growth();
-            for (walk, guided) in Walk::ALL.into_iter().flat_map(|walk| [(walk, false), (walk, true)]) {
-                let (hits, wrong) = trace(tree.clone(), walk, guided);
-                println!("{name}, {}: {hits} hits, {growth:.2} times the cost", walk.name());
+            for (traversal, guided) in
+                Traversal::ALL.into_iter().flat_map(|traversal| [(traversal, false), (traversal, true)])
+            {
+                let (hits, wrong) = trace(tree.clone(), traversal, guided);
+                println!("{name}, {}: {hits} hits, {growth:.2} times the cost", traversal.name());
                 assert!(hits > view.pixels() / 100, "{name}: too few hits to tell");
                 assert_eq!(wrong.first(), None, "{name}: {} of {} rays", wrong.len(), view.pixels());
             }
-            let (_, wrong) = trace(built.clone(), Walk::for_device(device), false);
+            let (_, wrong) = trace(built.clone(), Traversal::for_device(device), false);
             assert!(!wrong.is_empty(), "{name}: the old boxes would do as well");
         }
     });
@@ -254,16 +258,18 @@ fn variants_may_differ_by_kind_of_ray() {
         let scene = scenes::sphere(4, Vec3::ZERO, 1.0, matt(0.5));
         let view = view(DVec3::new(0.0, 0.5, 3.0), DVec3::ZERO, 50.0, SIZE);
         let light = Environment::constant(Vec3::ONE);
-        let trace = |walks: Walks, guided: bool| {
+        let trace = |traversals: Traversals, guided: bool| {
             let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
             let settings = foveate::trace::Settings { guided, ..PLAIN };
-            let mut bench = Bench::over(device, &scene, &light, &EVERYTHING, walks, bvh);
+            let mut bench = Bench::over(device, &scene, &light, &EVERYTHING, traversals, bvh);
             bench.trace(&view, &settings, &all_pixels(&view))
         };
         for guided in [false, true] {
-            let plain = trace(Walk::Together.into(), guided);
-            for (pixels, bundles) in [(Walk::Together, Walk::Alone), (Walk::Alone, Walk::Together)] {
-                let mixed = trace(Walks { pixels, bundles }, guided);
+            let plain = trace(Traversal::Packet.into(), guided);
+            for (pixels, bundles) in
+                [(Traversal::Packet, Traversal::SingleRay), (Traversal::SingleRay, Traversal::Packet)]
+            {
+                let mixed = trace(Traversals { pixels, bundles }, guided);
                 assert_eq!(mixed.rays, plain.rays);
                 let differ = mixed.samples.iter().zip(&plain.samples).filter(|(a, b)| a != b).count();
                 // Hits are the same; their distances may round differently.

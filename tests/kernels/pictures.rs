@@ -4,7 +4,7 @@ use foveate::gpu::opencl::Device;
 use foveate::math::view::View;
 use foveate::reference::{self, Random, Renderer};
 use foveate::scene::{Environment, Light, LightKind};
-use foveate::trace::{Settings, Walk};
+use foveate::trace::{Settings, Traversal};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -19,10 +19,10 @@ fn picture(
     shape: &Convex,
     light: &Environment,
     view: &View,
-    walk: Walk,
+    traversal: Traversal,
     bounces: u32,
 ) -> Vec<f64> {
-    let mut bench = Bench::walking(device, &shape.scene, light, &EVERYTHING, walk);
+    let mut bench = Bench::walking(device, &shape.scene, light, &EVERYTHING, traversal);
     let picture = bench.trace(view, &Settings { rays: 64, bounces, ..PLAIN }, &all_pixels(view));
     assert_eq!(picture.dropped, 0);
     picture.samples.iter().map(|sample| f64::from(sample.first[0])).collect()
@@ -72,9 +72,9 @@ fn surfaces_do_not_shadow_themselves_at_any_scale() {
         for shape in PLACES.iter().flat_map(|&place| [lit(room(place)), lit(ball(place))]) {
             for view in shape.views_from_outside(SIZE) {
                 let truth = truth(&shape, &dark, &view);
-                for walk in Walk::ALL {
-                    let mut found = picture(device, &shape, &dark, &view, walk, 0);
-                    assert_eq!(speckles(&found, &truth), 0, "{}, {}", shape.name, walk.name());
+                for traversal in Traversal::ALL {
+                    let mut found = picture(device, &shape, &dark, &view, traversal, 0);
+                    assert_eq!(speckles(&found, &truth), 0, "{}, {}", shape.name, traversal.name());
                     // One speckle is noticed.
                     let most = found.iter().copied().fold(0.0, f64::max);
                     let lit =
@@ -98,11 +98,13 @@ fn no_light_leaks_into_closed_shapes_at_any_scale() {
     on_every_device(|device| {
         let bright = Environment::constant(Vec3::splat(1e3));
         for shape in PLACES.iter().flat_map(|&place| [room(place), ball(place)]) {
-            for (view, walk) in
-                shape.views(SIZE / 2, 9).into_iter().flat_map(|v| Walk::ALL.map(|walk| (v, walk)))
+            for (view, traversal) in shape
+                .views(SIZE / 2, 9)
+                .into_iter()
+                .flat_map(|v| Traversal::ALL.map(|traversal| (v, traversal)))
             {
-                let found = picture(device, &shape, &bright, &view, walk, 2);
-                assert_eq!(leaks(&found), 0, "{}, {}", shape.name, walk.name());
+                let found = picture(device, &shape, &bright, &view, traversal, 2);
+                assert_eq!(leaks(&found), 0, "{}, {}", shape.name, traversal.name());
             }
         }
         // A single missing triangle is noticed.
@@ -114,6 +116,6 @@ fn no_light_leaks_into_closed_shapes_at_any_scale() {
             world_from_eye: foveate::math::pose::Pose::look_at(view.world_from_eye.position, DVec3::ZERO),
             ..*view
         };
-        assert!(leaks(&picture(device, &open, &bright, &looking, Walk::Together, 2)) > 0);
+        assert!(leaks(&picture(device, &open, &bright, &looking, Traversal::Packet, 2)) > 0);
     });
 }

@@ -2,7 +2,7 @@
 
 use foveate::gpu::opencl::Device;
 use foveate::math::view::View;
-use foveate::measure::stats::{level_of_each, z_test};
+use foveate::metrics::stats::{level_of_each, z_test};
 use foveate::reference::{self, Estimate, Random, Renderer};
 use foveate::scene::{Environment, Scene};
 use foveate::trace::Settings;

@@ -7,7 +7,7 @@ use foveate::layout::{
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::{AlphaMode, Environment, Features, Material, Scene, Sun};
-use foveate::trace::{Settings, Walk};
+use foveate::trace::{Settings, Traversal};
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device, view};
@@ -479,11 +479,11 @@ fn build(device: &Device, combinations: impl Iterator<Item = u32>) {
     let mut seen = std::collections::HashSet::new();
     for features in combinations.map(combination) {
         assert!(seen.insert(features), "{features:?} comes twice");
-        for walk in Walk::ALL {
-            Bench::walking(device, &scene, &light, &features, walk);
+        for traversal in Traversal::ALL {
+            Bench::walking(device, &scene, &light, &features, traversal);
         }
     }
-    println!("{} combinations in {} variants", seen.len(), Walk::ALL.len());
+    println!("{} combinations in {} variants", seen.len(), Traversal::ALL.len());
 }
 
 #[test]

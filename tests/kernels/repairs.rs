@@ -1,14 +1,14 @@
 //! What the places cost where plain single precision is not enough and more is done: the same kernels without each
 //! of these repairs, their errors and their speed. `make accuracy` prints the table.
 
+use foveate::bench::{Rates, workload::Workload};
 use foveate::bvh::WideBvh;
 use foveate::gpu::opencl::{Device, Program};
 use foveate::reference::{Random, Ray, Tracer};
 use foveate::scene::generate::demo;
 use foveate::scene::{Scene, default_viewpoint};
-use foveate::speed::{Rates, workload::Workload};
 use foveate::trace::probe::{Probe, RayKind, shape_of};
-use foveate::trace::{Walk, source};
+use foveate::trace::{Traversal, source};
 use glam::DVec3;
 
 use crate::bench::{all_pixels, on_every_device, spread, view};
@@ -82,7 +82,7 @@ fn worst(
 fn on_slivers(device: &Device, text: &str) -> f64 {
     let scene = shape_of(scenes::slivers(7, 4000));
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-    let mut probe = Probe::with_text(device, &scene, &bvh, Walk::Together, text).unwrap();
+    let mut probe = Probe::with_text(device, &scene, &bvh, Traversal::Packet, text).unwrap();
     let mut random = Random::new(3);
     let bundles = foveate::trace::probe::Bundles {
         origins: (0..8000).map(|_| (on_sphere(&mut random) * 4.0).as_vec3().to_array()).collect(),
@@ -105,7 +105,7 @@ fn of_a_small_step(device: &Device, text: &str) -> f64 {
     scenes::quad(&mut wall, [corner(-9.0, -9.0), corner(-9.0, 9.0), corner(9.0, 9.0), corner(9.0, -9.0)], 0);
     let scene = shape_of(wall);
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-    let mut probe = Probe::with_text(device, &scene, &bvh, Walk::Together, text).unwrap();
+    let mut probe = Probe::with_text(device, &scene, &bvh, Traversal::Packet, text).unwrap();
     let mut distance = |step: f64| {
         let view = view(eye + DVec3::X * step, eye - DVec3::X * 9.0, 20.0, (8, 8));
         probe.look(&view, &all_pixels(&view)).unwrap();
@@ -128,7 +128,7 @@ fn speedups(device: &Device, text: &str) -> Vec<(RayKind, f64)> {
     let mut view = view(DVec3::ZERO, DVec3::X, 75.0, (960, 640));
     view.world_from_eye = rest;
     let mut probes = [source::probe_text(), text.to_string()]
-        .map(|text| Probe::with_text(device, &scene, &bvh, Walk::Together, &text).unwrap());
+        .map(|text| Probe::with_text(device, &scene, &bvh, Traversal::Packet, &text).unwrap());
     let workload = Workload::new(&mut probes[0], &scene, &bvh, view, spread(&view, 120, 80)).unwrap();
     workload.load(&mut probes[1]).unwrap();
     let mut rates = [Rates::default(), Rates::default()];
@@ -136,7 +136,7 @@ fn speedups(device: &Device, text: &str) -> Vec<(RayKind, f64)> {
         probes.iter().zip(&mut rates).for_each(|(probe, rates)| rates.run(probe, kind).unwrap());
     }
     let [with, without] = rates.map(|rates| rates.summary());
-    let speed = |rate: &foveate::speed::Rate| rate.mrays_per_cpu_second.unwrap_or(rate.mrays_per_second);
+    let speed = |rate: &foveate::bench::Rate| rate.mrays_per_cpu_second.unwrap_or(rate.mrays_per_second);
     with.iter()
         .zip(&without)
         .map(|((kind, with), (_, without))| (*kind, speed(without) / speed(with)))
@@ -195,7 +195,7 @@ fn kernels_without_repairs_build() {
     on_every_device(|device| {
         for repair in &REPAIRS {
             let options =
-                source::options(device.info(), &foveate::scene::Features::default(), 5, Walk::Together);
+                source::options(device.info(), &foveate::scene::Features::default(), 5, Traversal::Packet);
             Program::build(device, repair.name, &text_without(repair, source::probe_text()), &options)
                 .unwrap();
         }

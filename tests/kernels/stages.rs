@@ -13,7 +13,7 @@ use foveate::reference::{self, Random, Ray, Surface, TextureMode, Tracer, brdf};
 use foveate::scene::importance::DirectionTable;
 use foveate::scene::{Environment, Scene, Sun};
 use foveate::trace::probe::{Bundles, Probe, RayKind, shape_of};
-use foveate::trace::{SceneBuffers, SceneData, Settings, Walk, camera, source};
+use foveate::trace::{SceneBuffers, SceneData, Settings, Traversal, camera, source};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 
 use crate::bench::{EVERYTHING, PLAIN, on_every_device, view};
@@ -73,12 +73,12 @@ impl<'a> Stages<'a> {
         text: &str,
     ) -> Self {
         let text = text.to_string() + include_str!("stages.cl");
-        let options = source::options(device.info(), &EVERYTHING, bvh.depth(), Walk::Together);
+        let options = source::options(device.info(), &EVERYTHING, bvh.depth(), Traversal::Packet);
         let data = SceneData::pack(scene, bvh, light).unwrap();
         Stages {
             device,
             program: Program::build(device, "stages", &text, &options).unwrap(),
-            buffers: SceneBuffers::upload(device, &data, Walk::Together.into()).unwrap(),
+            buffers: SceneBuffers::upload(device, &data, Traversal::Packet.into()).unwrap(),
         }
     }
 
@@ -105,7 +105,7 @@ impl<'a> Stages<'a> {
     ) -> (Vec<T>, f64) {
         let found = Buffer::<T>::new(self.device, out).unwrap();
         found.write(&vec![T::zeroed(); out]).unwrap();
-        let mut all = if scene { self.buffers.args(Walk::Together) } else { Vec::new() };
+        let mut all = if scene { self.buffers.args(Traversal::Packet) } else { Vec::new() };
         all.extend(args);
         all.push(Arg::buffer(&found));
         let event = self.program.kernel(kernel).unwrap().launch(&all, count, 8).unwrap();
@@ -165,10 +165,10 @@ fn bundles(random: &mut Random, count: usize, reach: f64) -> Bundles {
 }
 
 /// What rays hit in a scene, through one variant of the kernels: the ray, the triangle, its place and distance.
-fn hits(device: &Device, scene: &Scene, bvh: &WideBvh, walk: Walk) -> Vec<(Ray, u32, u32, f64)> {
+fn hits(device: &Device, scene: &Scene, bvh: &WideBvh, traversal: Traversal) -> Vec<(Ray, u32, u32, f64)> {
     let mut random = Random::new(11);
     let bundles = bundles(&mut random, 12_000, 4.0);
-    let mut probe = Probe::new(device, scene, bvh, walk).unwrap();
+    let mut probe = Probe::new(device, scene, bvh, traversal).unwrap();
     probe.send(&bundles).unwrap();
     probe.trace(RayKind::Bounce).unwrap();
     let hits = probe.hits(RayKind::Bounce).unwrap();
@@ -199,14 +199,14 @@ fn surfaces(device: &Device) -> Vec<Row> {
         let (low, high) = scene.mesh.bounds().unwrap();
         let reach = low.as_dvec3().abs().max(high.as_dvec3().abs()).length() + 4.0;
         let (mut along, mut sideways) = (Worst::default(), Worst::default());
-        for walk in Walk::ALL {
-            for (ray, named, _, t) in hits(device, &scene, &bvh, walk) {
+        for traversal in Traversal::ALL {
+            for (ray, named, _, t) in hits(device, &scene, &bvh, traversal) {
                 let corners = triangle(&scene, named);
                 let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
                 let cosine = normal.dot(ray.direction).abs();
                 let off = (t - crossing(&ray, corners).0).abs() / (reach * ULP);
                 let place =
-                    || format!("{}, cosine {cosine:.1e}, aspect {:.0e}", walk.name(), aspect(corners));
+                    || format!("{}, cosine {cosine:.1e}, aspect {:.0e}", traversal.name(), aspect(corners));
                 if cosine > 0.1 && !slim {
                     along.see(off, place);
                 }
@@ -248,7 +248,7 @@ fn surface_stage(stages: &Stages, hits: &[(Ray, u32, u32, f64)]) -> (Vec<Found>,
 pub fn times<'a>(device: &'a Device, text: &str) -> impl Fn() -> [f64; 2] + use<'a> {
     let (scene, map) = (shape_of(scenes::soup(5, 900, 1.0)), noise());
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-    let hits = hits(device, &scene, &bvh, Walk::Together);
+    let hits = hits(device, &scene, &bvh, Traversal::Packet);
     let stages = Stages::with_text(device, &scene, &bvh, &map, text);
     move || [surface_stage(&stages, &hits).1, alias_stage(&stages).1]
 }
@@ -256,7 +256,7 @@ pub fn times<'a>(device: &'a Device, text: &str) -> impl Fn() -> [f64; 2] + use<
 fn hit_points(device: &Device, scene: &Scene, bvh: &WideBvh, slim: bool) -> Vec<Row> {
     let light = Environment::constant(Vec3::ONE);
     let stages = Stages::new(device, scene, bvh, &light);
-    let hits = hits(device, scene, bvh, Walk::Together);
+    let hits = hits(device, scene, bvh, Traversal::Packet);
     let found = surface_stage(&stages, &hits).0;
     let tracer = Tracer::new(scene);
     let [mut weights, mut point, mut geometric, mut normal, mut lift] = [(); 5].map(|()| Worst::default());

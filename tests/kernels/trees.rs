@@ -7,7 +7,7 @@ use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::reference::Random;
 use foveate::scene::Scene;
-use foveate::trace::Walk;
+use foveate::trace::Traversal;
 use foveate::trace::probe::{Bundles, Probe, RayKind};
 use glam::{DVec2, DVec3, Vec3};
 
@@ -96,9 +96,9 @@ fn walk_damaged_trees(wanted: usize, seed: u64) {
         bundles.directions.extend((0..32).map(|_| on_sphere(&mut random).as_vec3().to_array()));
     }
     on_every_device(|device| {
-        for walk in Walk::ALL {
+        for traversal in Traversal::ALL {
             let trace = |tree: &WideBvh| {
-                let mut probe = Probe::new(device, &scene, tree, walk).unwrap();
+                let mut probe = Probe::new(device, &scene, tree, traversal).unwrap();
                 probe.look(&view, &pattern).unwrap();
                 probe.send(&bundles).unwrap();
                 found(&probe)
@@ -112,11 +112,11 @@ fn walk_damaged_trees(wanted: usize, seed: u64) {
                 checked += 1;
                 if damaged != tree && damaged.is_sound(positions, triangles) {
                     walked += 1;
-                    assert!(trace(&damaged) == truth, "{}: tree {checked} of seed {seed}", walk.name());
+                    assert!(trace(&damaged) == truth, "{}: tree {checked} of seed {seed}", traversal.name());
                 }
                 assert!(checked < wanted * CHECKED, "hardly any change is harmless: the test tests nothing");
             }
-            println!("{}: {walked} of {checked} changed trees are sound, and walked", walk.name());
+            println!("{}: {walked} of {checked} changed trees are sound, and walked", traversal.name());
         }
     });
 }

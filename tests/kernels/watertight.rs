@@ -11,7 +11,7 @@ use foveate::math::view::View;
 use foveate::reference::{self, Random, Ray, Tracer};
 use foveate::scene::{Environment, Scene, Sun};
 use foveate::trace::probe::{Bundles, Probe, RayKind, shape_of};
-use foveate::trace::{Settings, Walk};
+use foveate::trace::{Settings, Traversal};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -112,9 +112,9 @@ fn pixel_ray(scene: &Scene, view: &View, index: usize) -> Ray {
 }
 
 /// Camera rays by blocks and by samples, light rays that ask for any hit and bounces that ask for the nearest.
-fn count_inside(device: &Device, walk: Walk, shape: &Convex, rays: usize) -> Count {
+fn count_inside(device: &Device, traversal: Traversal, shape: &Convex, rays: usize) -> Count {
     let judge = Judge::new(&shape.scene);
-    let mut probe = Probe::new(device, &shape.scene, &judge.bvh, walk).unwrap();
+    let mut probe = Probe::new(device, &shape.scene, &judge.bvh, traversal).unwrap();
     let mut count = Count::default();
     // In portions, so that the rays of a long test need not all be held at once.
     let portions = rays.div_ceil(FEW * 16);
@@ -145,10 +145,10 @@ fn closed_shapes(rays: usize) {
     on_every_device(|device| {
         let mut total = Count::default();
         for shape in Convex::all() {
-            for walk in Walk::ALL {
-                let count = count_inside(device, walk, &shape, rays);
-                println!("{}, {}: {count:?}", shape.name, walk.name());
-                assert!(count.is_clean(), "{}, {}: {count:?}", shape.name, walk.name());
+            for traversal in Traversal::ALL {
+                let count = count_inside(device, traversal, &shape, rays);
+                println!("{}, {}: {count:?}", shape.name, traversal.name());
+                assert!(count.is_clean(), "{}, {}: {count:?}", shape.name, traversal.name());
                 total = total.and(count);
             }
         }
@@ -259,10 +259,11 @@ fn sheets(rays: usize) {
     on_every_device(|device| {
         let mut total = Count::default();
         let places = PLACES.iter().filter(|place| place.middle == DVec3::ZERO);
-        for (place, walk) in places.flat_map(|place| Walk::ALL.map(|walk| (place, walk))) {
+        for (place, traversal) in places.flat_map(|place| Traversal::ALL.map(|traversal| (place, traversal)))
+        {
             let sheet = Sheet::new(*place);
             let judge = Judge::new(&sheet.scene);
-            let mut probe = Probe::new(device, &sheet.scene, &judge.bvh, walk).unwrap();
+            let mut probe = Probe::new(device, &sheet.scene, &judge.bvh, traversal).unwrap();
             let bundles = sheet.bundles(rays, 5);
             probe.send(&bundles).unwrap();
             probe.trace(RayKind::Bounce).unwrap();
@@ -283,14 +284,14 @@ fn sheets(rays: usize) {
             println!(
                 "sheet, {}, {}: {decided} of {} rays decided, {total:?}",
                 place.name,
-                walk.name(),
+                traversal.name(),
                 hits.len()
             );
             assert!(
                 decided * 3 > hits.len() && total.is_clean(),
                 "{}, {}: {total:?}",
                 place.name,
-                walk.name()
+                traversal.name()
             );
         }
     });
@@ -340,18 +341,23 @@ fn sun_beams(size: u32) {
     on_every_device(|device| {
         let mut total = Count::default();
         for shape in Convex::all().into_iter().filter(|shape| !shape.sharp) {
-            for walk in Walk::ALL {
+            for traversal in Traversal::ALL {
                 let sun = DVec3::new(0.48, 0.6, 0.64);
                 let light = Environment {
                     sun: Some(Sun { direction: sun.as_vec3(), cos_radius: 0.99999, radiance: Vec3::ONE }),
                     ..Environment::constant(Vec3::ZERO)
                 };
-                let mut bench = Bench::walking(device, &shape.scene, &light, &EVERYTHING, walk);
+                let mut bench = Bench::walking(device, &shape.scene, &light, &EVERYTHING, traversal);
                 let inside = shape.views(size, 3).map(|view| (view, true));
                 let outside = shape.views_from_outside(size).map(|view| (view, false));
                 for (view, inside) in inside.into_iter().chain(outside) {
                     let count = count_in_sun(&mut bench, &shape.scene, &view, sun, inside);
-                    assert!(count.is_clean(), "{}, {}, inside {inside}: {count:?}", shape.name, walk.name());
+                    assert!(
+                        count.is_clean(),
+                        "{}, {}, inside {inside}: {count:?}",
+                        shape.name,
+                        traversal.name()
+                    );
                     total = total.and(count);
                 }
             }
@@ -380,7 +386,7 @@ fn holes_and_wrong_places_are_noticed() {
         let mut shape = crate::convex::ball(PLACES[1]);
         shape.scene.mesh.triangles.drain(4000..4020);
         shape.scene.mesh.materials.truncate(20460);
-        let count = count_inside(device, Walk::Together, &shape, FEW * 4);
+        let count = count_inside(device, Traversal::Packet, &shape, FEW * 4);
         assert!(count.misses > 0 && count.false_hits == 0, "{count:?}");
         let sheet = Sheet::new(PLACES[1]);
         let down = |x: f64| Ray { origin: DVec3::new(x, 0.025, 1.0), direction: DVec3::NEG_Z };

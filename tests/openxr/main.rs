@@ -18,7 +18,7 @@ use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
-use foveate::measure::Display;
+use foveate::metrics::Display;
 use glam::{DQuat, DVec2, DVec3};
 use monado::Monado;
 use serde_json::{Value, json};

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use foveate::measure::Display;
+use foveate::metrics::Display;
 
 /// The compositor's window: both eyes side by side, each as its screen shows it.
 pub const EYE_WIDTH: u32 = 480;

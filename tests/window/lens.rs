@@ -1,6 +1,6 @@
 //! The lenses as dk1.md's figures have them, written anew: what the program's own optics are held to.
 
-use super::screen::Shot;
+use super::screen::Screenshot;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eye {
@@ -43,7 +43,7 @@ impl Model {
 /// Middles of what is bright in an eye's half, by one colour: in each row (`rows`) or column, of the pixels
 /// that `among` accepts.
 pub fn middles(
-    shot: &Shot,
+    shot: &Screenshot,
     eye: Eye,
     colour: usize,
     rows: bool,

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use common::builder::Builder;
 use lens::{Eye, Model};
-use screen::{Screen, Shot};
+use screen::{Screen, Screenshot};
 use serde_json::{Value, json};
 
 /// Metres: a bright upright bar to the left, a level one above, and a small mark at the lower right.
@@ -69,7 +69,7 @@ fn start_with(screen: &Screen, folder: &Path, arguments: &str) -> Child {
 }
 
 /// Waits for a picture on the screen.
-fn picture(screen: &Screen, child: &mut Child) -> Shot {
+fn picture(screen: &Screen, child: &mut Child) -> Screenshot {
     let begun = Instant::now();
     loop {
         let shot = screen.shot();
@@ -112,7 +112,7 @@ fn seen(point: [f64; 3], eye: Eye) -> [f64; 2] {
 /// How far the bars on a screenshot are from where they must be, by a model of the lenses and of which eye
 /// is where: the greatest distance, in tangents, of a point of a bar's middle, over both eyes and colours;
 /// infinite where too little is found.
-fn error(shot: &Shot, model: &Model, eyes: [Eye; 2]) -> f64 {
+fn error(shot: &Screenshot, model: &Model, eyes: [Eye; 2]) -> f64 {
     let mut worst = 0.0f64;
     for (half, eye) in [Eye::Left, Eye::Right].into_iter().zip(eyes) {
         for colour in 0..3 {

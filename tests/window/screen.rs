@@ -41,7 +41,7 @@ impl Screen {
     }
 
     /// What the whole screen shows now.
-    pub fn shot(&self) -> Shot {
+    pub fn shot(&self) -> Screenshot {
         let (connection, screen) = x11rb::connect(Some(&self.name)).unwrap();
         let root = &connection.setup().roots[screen];
         let (width, height) = (root.width_in_pixels, root.height_in_pixels);
@@ -49,7 +49,7 @@ impl Screen {
         let data = image.unwrap().reply().unwrap().data;
         assert_eq!(data.len(), usize::from(width) * usize::from(height) * 4);
         let pixels = data.chunks_exact(4).map(|bgrx| [bgrx[2], bgrx[1], bgrx[0]]).collect();
-        Shot { width: width.into(), height: height.into(), pixels }
+        Screenshot { width: width.into(), height: height.into(), pixels }
     }
 }
 
@@ -62,13 +62,13 @@ impl Drop for Screen {
 }
 
 /// A picture of the screen.
-pub struct Shot {
+pub struct Screenshot {
     pub width: usize,
     pub height: usize,
     pixels: Vec<[u8; 3]>,
 }
 
-impl Shot {
+impl Screenshot {
     pub fn brightest(&self) -> u8 {
         self.pixels.iter().flatten().copied().max().unwrap_or(0)
     }
@@ -86,17 +86,17 @@ impl Shot {
         (sum > 1.0).then(|| moment / sum)
     }
 
-    fn moved(&self, from: impl Fn(usize, usize) -> (usize, usize)) -> Shot {
+    fn moved(&self, from: impl Fn(usize, usize) -> (usize, usize)) -> Screenshot {
         let places = (0..self.height).flat_map(|y| (0..self.width).map(move |x| (x, y)));
         let pixels = places.map(|(x, y)| from(x, y)).map(|(x, y)| self.pixels[y * self.width + x]).collect();
-        Shot { pixels, ..*self }
+        Screenshot { pixels, ..*self }
     }
 
-    pub fn mirrored(&self) -> Shot {
+    pub fn mirrored(&self) -> Screenshot {
         self.moved(|x, y| (self.width - 1 - x, y))
     }
 
-    pub fn flipped(&self) -> Shot {
+    pub fn flipped(&self) -> Screenshot {
         self.moved(|x, y| (x, self.height - 1 - y))
     }
 }

@@ -6,20 +6,20 @@ use glam::DVec2;
 
 use super::keys::Keys;
 use super::present::{Presentation, Run, Stage};
+use super::rig::{Rig, between};
 use super::stats::{Shown, ViewSummary};
-use super::wearer::{Wearer, between};
 use crate::cli::output;
 use crate::config::{HeadsetConfig, Stereo};
 use crate::error::Result;
-use crate::frame::budget::{self, Held};
+use crate::frame::budget::{self, QualityState};
 use crate::frame::log::FrameRecord;
-use crate::frame::{FrameReport, Shot};
+use crate::frame::{FrameReport, ViewRequest};
 use crate::gpu::vulkan::{self, Encoding, Rect};
 use crate::headset::openxr::{EyeView, Frame, Outcome, Session};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::reconstruct;
-use crate::session::{Asking, Pace, Part, Sharp, Traced};
+use crate::session::{Asking, FoveaPoint, Pace, Part, Traced};
 
 /// Eyes that moved less since their view was traced need no correction: in metres and in radians.
 const STILL: (f64, f64) = (2e-4, 2e-4);
@@ -49,9 +49,9 @@ impl Presentation<'_> {
         };
         let (hands, gaze) = session.input(time)?;
         if let Some(floor) = session.floor(time) {
-            run.wearer.stand(-floor);
+            run.rig.stand(-floor);
         }
-        run.wearer.walk(&hands, keys, &eyes, time, &self.loaded.scene);
+        run.rig.walk(&hands, keys, &eyes, time, &self.loaded.scene);
         let held = self.hold(stage, session, run)?;
         let Some(targets) = session.acquire()? else {
             run.pace.skip();
@@ -63,21 +63,22 @@ impl Presentation<'_> {
             (eyes, time) = newer;
         }
         let asked = Instant::now();
-        let views = self.views(&eyes, &session.sizes(), &run.wearer);
-        let sharp = run.wearer.look(gaze, &eyes, &views, time);
-        let sharp: Vec<Sharp> = (0..views.len()).map(|index| self.sharp(&views, &sharp, index)).collect();
-        let traced = Traced::for_views(&views, &sharp, self.config.view.stereo, self.margin())?;
-        let mut shots = shots(&traced, &targets, self.config.view.exposure.fixed() as f32);
+        let views = self.views(&eyes, &session.sizes(), &run.rig);
+        let fovea = run.rig.look(gaze, &eyes, &views, time);
+        let fovea: Vec<FoveaPoint> =
+            (0..views.len()).map(|index| self.fovea(&views, &fovea, index)).collect();
+        let traced = Traced::for_views(&views, &fovea, self.config.view.stereo, self.margin())?;
+        let mut requests = requests(&traced, &targets, self.config.view.exposure.fixed() as f32);
         if self.config.view.stereo == Stereo::PerEye {
             let (meshes, version) = session.hidden();
-            for (index, (shot, mesh)) in shots.iter_mut().zip(meshes).enumerate() {
-                shot.hidden = run.wearer.hidden(index, &shot.view, mesh, version);
+            for (index, (request, mesh)) in requests.iter_mut().zip(meshes).enumerate() {
+                request.hidden = run.rig.hidden(index, &request.view, mesh, version);
             }
         }
 
-        let mut made = self.render(stage, session, frame, run, &shots, &eyes)?;
+        let mut made = self.render(stage, session, frame, run, &requests, &eyes)?;
         made.asked.get_or_insert(asked);
-        self.hand_over(session, frame, run, made, &sharp, held)
+        self.hand_over(session, frame, run, made, &fovea, held)
     }
 
     /// Has what is to be seen traced, and corrected to the newest poses.
@@ -87,33 +88,33 @@ impl Presentation<'_> {
         session: &mut Session,
         frame: &Frame,
         run: &mut Run,
-        shots: &[Shot],
+        requests: &[ViewRequest],
         eyes: &[EyeView],
     ) -> Outcome<Made> {
         let count = run.frames();
         let (mut shown, mut asked, mut fault) = (eyes.to_vec(), None, None);
-        let mut late = |shot: usize| {
+        let mut late = |request: usize| {
             run.watch.asks();
-            let newest = self.newest(session, frame, shot, &mut run.pace).unwrap_or_else(|lost| {
+            let newest = self.newest(session, frame, request, &mut run.pace).unwrap_or_else(|lost| {
                 fault = Some(lost);
                 None
             });
             run.watch.works();
             let newest = newest?;
-            let (from, to) = (self.eye_of(shot, eyes), self.eye_of(shot, &newest));
+            let (from, to) = (self.eye_of(request, eyes), self.eye_of(request, &newest));
             if !moved(from, to) {
                 return None;
             }
             asked = Some(Instant::now());
-            let seen = |index: usize| self.config.view.stereo != Stereo::PerEye || index == shot;
+            let seen = |index: usize| self.config.view.stereo != Stereo::PerEye || index == request;
             for (index, eye) in shown.iter_mut().enumerate().filter(|(index, _)| seen(*index)) {
                 eye.space_from_eye = newest[index].space_from_eye;
             }
-            Some(run.wearer.in_scene(to))
+            Some(run.rig.in_scene(to))
         };
         let seed = self.config.trace.seed.wrapping_add(count as u32);
         run.watch.works();
-        let report = stage.renderer.shoot(shots, seed, &mut late)?;
+        let report = stage.renderer.render_views(requests, seed, &mut late)?;
         run.watch.asks();
         if let Some(fault) = fault {
             return Err(fault);
@@ -137,8 +138,8 @@ impl Presentation<'_> {
         frame: &Frame,
         run: &mut Run,
         made: Made,
-        sharp: &[Sharp],
-        held: Option<Held>,
+        fovea: &[FoveaPoint],
+        held: Option<QualityState>,
     ) -> Outcome<()> {
         session.end(frame, Some(&made.shown))?;
         let (deadline, now) = (session.deadline(frame), session.now());
@@ -147,14 +148,14 @@ impl Presentation<'_> {
         (run.shown, run.dark) = (Instant::now(), "");
         let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
         let pose_ms = made.asked.map_or(0.0, ms);
-        let views = self.views(&made.shown, &session.sizes(), &run.wearer);
+        let views = self.views(&made.shown, &session.sizes(), &run.rig);
         let mut report = run.watch.report();
         if let Some(log) = &mut run.log {
             log.push(&FrameRecord {
                 frame: report.stats.frames,
                 display_time_s: deadline.seen(now) as f64 * 1e-9,
                 pixels: views.iter().map(|view| view.pixels() as u64).sum(),
-                gaze: sharp[0].point,
+                gaze: fovea[0].point,
                 head_position: views[0].world_from_eye.position,
                 head_orientation: views[0].world_from_eye.rotation,
                 budget: held,
@@ -164,13 +165,13 @@ impl Presentation<'_> {
         }
         let shown = Shown { frame_ms: ms(frame.began), pose_ms, ages, report: made.report, held };
         report.stats.push(shown, now <= deadline.time);
-        let each = views.iter().zip(sharp);
-        report.told.views = each.map(|(view, sharp)| ViewSummary::of(view, *sharp)).collect();
+        let each = views.iter().zip(fovea);
+        report.told.views = each.map(|(view, fovea)| ViewSummary::of(view, *fovea)).collect();
         Ok(())
     }
 
     /// Has the next frame made so that it takes the time that it may, and tells how.
-    fn hold(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<Option<Held>> {
+    fn hold(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<Option<QualityState>> {
         let period_ms = session.clock().period().map(|nanoseconds| nanoseconds as f64 * 1e-6);
         // Runtimes may tell wrong periods at first, and displays may change theirs.
         budget::follow(&mut run.controller, self.config, period_ms)?;
@@ -199,32 +200,32 @@ impl Presentation<'_> {
         Ok(located.map(|eyes| (eyes, time)))
     }
 
-    /// The same once more for a shot's late correction, if it is wanted.
+    /// The same once more for a view's late correction, if it is wanted.
     fn newest(
         &self,
         session: &mut Session,
         frame: &Frame,
-        shot: usize,
+        request: usize,
         pace: &mut Pace,
     ) -> Outcome<Option<Vec<EyeView>>> {
         if !self.config.headset.late_correction {
             return Ok(None);
         }
-        Ok(self.eyes(session, frame, Asking::Late(shot), pace)?.map(|(eyes, _)| eyes))
+        Ok(self.eyes(session, frame, Asking::Late(request), pace)?.map(|(eyes, _)| eyes))
     }
 
-    /// Where a shot is traced from.
-    fn eye_of(&self, shot: usize, eyes: &[EyeView]) -> Pose {
+    /// Where a view is traced from.
+    fn eye_of(&self, request: usize, eyes: &[EyeView]) -> Pose {
         match self.config.view.stereo {
             Stereo::Shared => between(eyes),
-            _ => eyes[shot].space_from_eye,
+            _ => eyes[request].space_from_eye,
         }
     }
 
     /// The headset's views in the scene.
-    fn views(&self, eyes: &[EyeView], sizes: &[(u32, u32)], wearer: &Wearer) -> Vec<View> {
+    fn views(&self, eyes: &[EyeView], sizes: &[(u32, u32)], rig: &Rig) -> Vec<View> {
         let view = |(eye, &(width, height)): (&EyeView, &(u32, u32))| View {
-            world_from_eye: wearer.in_scene(eye.space_from_eye),
+            world_from_eye: rig.in_scene(eye.space_from_eye),
             fov: eye.fov,
             width,
             height,
@@ -239,9 +240,9 @@ impl Presentation<'_> {
     }
 
     /// Where a view is sharp: where the settings say, or the wearer's eyes.
-    fn sharp(&self, views: &[View], eyes: &[Sharp], index: usize) -> Sharp {
+    fn fovea(&self, views: &[View], eyes: &[FoveaPoint], index: usize) -> FoveaPoint {
         match self.gaze {
-            Some(_) => Sharp { point: self.toward(&views[0], &views[index]), widening: 1.0 },
+            Some(_) => FoveaPoint { point: self.toward(&views[0], &views[index]), widening: 1.0 },
             None => eyes[index],
         }
     }
@@ -257,7 +258,7 @@ impl Presentation<'_> {
 }
 
 /// What is traced, as the renderer takes it, with the images that it fills.
-fn shots<'t>(traced: &[Traced], targets: &'t [vulkan::Target], exposure: f32) -> Vec<Shot<'t>> {
+fn requests<'t>(traced: &[Traced], targets: &'t [vulkan::Target], exposure: f32) -> Vec<ViewRequest<'t>> {
     let output = |part: &Part| reconstruct::Output {
         source: part.source,
         rect: Rect { x: 0, y: 0, width: part.size.0, height: part.size.1 },
@@ -265,14 +266,14 @@ fn shots<'t>(traced: &[Traced], targets: &'t [vulkan::Target], exposure: f32) ->
         encoding: Encoding::DisplayLinear,
         ..reconstruct::Output::whole(&targets[part.view], exposure)
     };
-    let shot = |traced: &Traced| Shot {
+    let request = |traced: &Traced| ViewRequest {
         view: traced.view,
-        gaze: traced.sharp.point,
-        widening: traced.sharp.widening,
+        gaze: traced.fovea.point,
+        widening: traced.fovea.widening,
         hidden: None,
         outputs: traced.parts.iter().map(output).collect(),
     };
-    traced.iter().map(shot).collect()
+    traced.iter().map(request).collect()
 }
 
 /// Whether an eye has moved so far that it would see another picture.
@@ -289,7 +290,7 @@ fn scaled(fov: FieldOfView, fov_y: f64) -> FieldOfView {
 }
 
 impl ViewSummary {
-    fn of(view: &View, sharp: Sharp) -> Self {
+    fn of(view: &View, fovea: FoveaPoint) -> Self {
         let FieldOfView { left, right, up, down } = view.fov;
         ViewSummary {
             width: view.width,
@@ -297,8 +298,8 @@ impl ViewSummary {
             fov: [left, right, up, down].map(|tangent| tangent.atan().to_degrees()),
             position: view.world_from_eye.position.to_array(),
             rotation: view.world_from_eye.rotation.to_array(),
-            gaze: sharp.point.to_array(),
-            widening: sharp.widening,
+            gaze: fovea.point.to_array(),
+            widening: fovea.widening,
         }
     }
 }
@@ -311,9 +312,9 @@ mod tests {
     fn what_is_traced_is_sharp_where_and_as_widely_as_it_is_said() {
         let fov = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.4 };
         let view = View { world_from_eye: Pose::IDENTITY, fov, width: 20, height: 10 };
-        let sharp = Sharp { point: DVec2::new(0.2, 0.7), widening: 2.5 };
-        let shots = shots(&[Traced { view, sharp, parts: Vec::new() }], &[], 1.0);
-        assert_eq!((shots[0].view, shots[0].gaze, shots[0].widening), (view, sharp.point, 2.5));
+        let fovea = FoveaPoint { point: DVec2::new(0.2, 0.7), widening: 2.5 };
+        let requests = requests(&[Traced { view, fovea, parts: Vec::new() }], &[], 1.0);
+        assert_eq!((requests[0].view, requests[0].gaze, requests[0].widening), (view, fovea.point, 2.5));
     }
 
     #[test]

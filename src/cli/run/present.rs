@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 use glam::DVec2;
 
 use super::keys::{self, Keys};
+use super::rig::Rig;
 use super::takes_insets;
 use super::terminal::Terminal;
 use super::watchdog::{SILENCE, Watchdog};
-use super::wearer::Wearer;
 use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
 use crate::config::{Config, HeadsetConfig, Method};
@@ -83,7 +83,7 @@ pub(super) struct Stage {
 /// What stays while runtimes come and go.
 pub(super) struct Run<'w> {
     pub(super) watch: &'w Watchdog,
-    pub(super) wearer: Wearer,
+    pub(super) rig: Rig,
     /// The terminal's keys, where it has them for us.
     keyboard: Option<Terminal>,
     /// Holds the frame time, where one is asked for, once the display's period is known.
@@ -136,7 +136,7 @@ impl Presentation<'_> {
     pub fn run(&self, runtime: Runtime, watch: &Watchdog) -> Result<()> {
         let mut run = Run {
             watch,
-            wearer: Wearer::new(self.rest, &self.loaded.scene, &self.config.headset),
+            rig: Rig::new(self.rest, &self.loaded.scene, &self.config.headset),
             keyboard: if self.config.headset.keyboard { Terminal::open() } else { None },
             controller: None,
             log: self.log.map(FrameLog::create).transpose()?,

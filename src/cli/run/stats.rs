@@ -4,10 +4,10 @@ use serde::Serialize;
 
 use crate::cli::output::{self, Percentiles};
 use crate::error::Result;
-use crate::frame::budget::Held;
+use crate::frame::budget::QualityState;
 use crate::frame::log::Ages;
 use crate::frame::{FrameReport, StageMs};
-use crate::measure::stats::percentile;
+use crate::metrics::stats::percentile;
 
 /// Frames whose times are kept: the newest of a long run.
 const KEPT: usize = 100_000;
@@ -24,7 +24,7 @@ pub struct Shown {
     /// What the renderer did.
     pub report: FrameReport,
     /// What it was made with where its time is held.
-    pub held: Option<Held>,
+    pub held: Option<QualityState>,
 }
 
 /// Counts and times, while they come.
@@ -39,7 +39,7 @@ pub struct Stats {
     /// Sessions and runtimes lost.
     pub losses: u32,
     /// What the first picture was made with whose time was held.
-    first_held: Option<Held>,
+    first_held: Option<QualityState>,
     kept: Vec<Shown>,
     newest: usize,
 }
@@ -216,9 +216,9 @@ pub struct AgeSummary {
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Budget {
     /// What the first picture was made with.
-    pub first: Held,
+    pub first: QualityState,
     /// The newest.
-    pub last: Held,
+    pub last: QualityState,
     /// The share of pictures that were rendered in the time that they might take; `null` where only a score
     /// was wanted.
     pub within: Option<f64>,

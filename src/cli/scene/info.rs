@@ -49,10 +49,10 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.layers(Layers::default())?.finish()?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
-    let walks = config.trace.walk.on(&machine.device).walks;
+    let traversals = config.trace.traversal.on(&machine.device).traversals;
     let data = SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?;
-    let buffers = SceneBuffers::upload(&machine.device, &data, walks)?;
-    let device_buffers = data.bytes(walks);
+    let buffers = SceneBuffers::upload(&machine.device, &data, traversals)?;
+    let device_buffers = data.bytes(traversals);
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),

@@ -19,12 +19,12 @@ fn points() -> Vec<OperatingPoint> {
 }
 
 fn start(ms: f64) -> Controller {
-    let ladder = Ladder::of(&points(), &Config::default()).unwrap();
-    Controller::new(ladder, Target { ms, score: 10.0 })
+    let levels = QualityLevels::of(&points(), &Config::default()).unwrap();
+    Controller::new(levels, Target { ms, score: 10.0 })
 }
 
 /// What a frame costs where views weigh `load`: in proportion to samples and rays.
-fn cost(held: &Held, load: f64) -> f64 {
+fn cost(held: &QualityState, load: f64) -> f64 {
     load * 2.0 * held.samples * f64::from(held.rays) / (0.01 * 32.0)
 }
 
@@ -81,7 +81,7 @@ fn steps_are_small_on_the_way_back() {
     for _ in 0..400 {
         run(&mut controller, 1.0, 1);
         let next = controller.held();
-        let work = |held: &Held| held.samples * f64::from(held.rays);
+        let work = |held: &QualityState| held.samples * f64::from(held.rays);
         assert!((work(&next) / work(&last)).ln().abs() < 0.08, "{last:?} {next:?}");
         changes += u32::from(next.samples != last.samples);
         last = next;
@@ -105,11 +105,11 @@ fn new_patterns_are_no_heavier_view_but_take_their_time() {
 
 #[test]
 fn a_score_is_enough_where_it_is_reached() {
-    let ladder = Ladder::of(&points(), &Config::default()).unwrap();
-    let mut controller = Controller::new(ladder.clone(), Target { ms: 100.0, score: 5.5 });
+    let levels = QualityLevels::of(&points(), &Config::default()).unwrap();
+    let mut controller = Controller::new(levels.clone(), Target { ms: 100.0, score: 5.5 });
     run(&mut controller, 1.0, 200);
     assert!((controller.held().score - 5.5).abs() < 1e-9);
-    let without_time = Controller::new(ladder, Target { ms: f64::INFINITY, score: 6.0 });
+    let without_time = Controller::new(levels, Target { ms: f64::INFINITY, score: 6.0 });
     assert_eq!((without_time.held().score, without_time.held().target_ms), (6.0, None));
 }
 
@@ -151,13 +151,13 @@ fn ladders_keep_to_one_family() {
     let mut mixed = points();
     mixed.push(OperatingPoint { method: Method::KNearest, frame_ms: 1.0, score: 9.0, ..mixed[0] });
     mixed.push(OperatingPoint { frame_ms: 9.0, score: 2.0, ..mixed[0] });
-    let ladder = Ladder::of(&mixed, &Config::default()).unwrap();
-    assert_eq!(ladder.steps(), points());
+    let levels = QualityLevels::of(&mixed, &Config::default()).unwrap();
+    assert_eq!(levels.steps(), points());
     let mut other = Config::default();
     other.trace.bounces = 2;
-    assert_eq!(Ladder::of(&mixed, &other).unwrap().steps().len(), 5, "the family with most steps");
-    assert_eq!(Ladder::of(&[], &other), None);
-    let one = Ladder::of(&mixed[5..6], &other).unwrap();
+    assert_eq!(QualityLevels::of(&mixed, &other).unwrap().steps().len(), 5, "the family with most steps");
+    assert_eq!(QualityLevels::of(&[], &other), None);
+    let one = QualityLevels::of(&mixed[5..6], &other).unwrap();
     let mut controller = Controller::new(one, Target { ms: 5.0, score: 10.0 });
     controller.observe(3.0, 0.0);
     assert_eq!(controller.held().position, 1.0);
@@ -194,11 +194,11 @@ fn what_is_out_of_reach_is_told_once_and_shown() {
     run(&mut controller, 4.0, 20);
     assert!(controller.held().time_out_of_reach && controller.take_notes().is_empty(), "told once");
 
-    let ladder = Ladder::of(&points(), &Config::default()).unwrap();
-    let mut controller = Controller::new(ladder.clone(), Target { ms: f64::INFINITY, score: 9.0 });
+    let levels = QualityLevels::of(&points(), &Config::default()).unwrap();
+    let mut controller = Controller::new(levels.clone(), Target { ms: f64::INFINITY, score: 9.0 });
     assert!(controller.take_notes()[0].contains("best point has 8.00"));
     assert!(controller.held().score_out_of_reach);
-    let mut reached = Controller::new(ladder, Target { ms: f64::INFINITY, score: 8.0 });
+    let mut reached = Controller::new(levels, Target { ms: f64::INFINITY, score: 8.0 });
     assert!(reached.take_notes().is_empty() && !reached.held().score_out_of_reach);
     assert!(start(1.0).expectation().unwrap().contains("2.0 ms") && start(2.0).expectation().is_none());
 }
@@ -208,8 +208,8 @@ fn a_front_of_other_settings_is_told() {
     let mut other = Config::default();
     other.trace.bounces = 2;
     let told = |config: &Config| {
-        let ladder = Ladder::of(&points(), config).unwrap();
-        Controller::new(ladder, Target { ms: 9.0, score: 10.0 }).take_notes()
+        let levels = QualityLevels::of(&points(), config).unwrap();
+        Controller::new(levels, Target { ms: 9.0, score: 10.0 }).take_notes()
     };
     assert!(told(&Config::default()).is_empty());
     assert_eq!(told(&other), [FOREIGN]);
@@ -242,8 +242,8 @@ impl World {
         let cost = |work: f64| 2.0 * (fixed + (1.0 - fixed) * work);
         let points: Vec<OperatingPoint> =
             points().into_iter().map(|p| OperatingPoint { frame_ms: cost(p.samples / 0.01), ..p }).collect();
-        let ladder = Ladder::of(&points, &Config::default()).unwrap();
-        World { controller: Controller::new(ladder, Target { ms: target, score: 10.0 }), fixed }
+        let levels = QualityLevels::of(&points, &Config::default()).unwrap();
+        World { controller: Controller::new(levels, Target { ms: target, score: 10.0 }), fixed }
     }
 
     fn cost(&self, load: f64) -> f64 {
@@ -324,8 +324,8 @@ proptest! {
         for noise in &noise[50..] {
             times.push(world.frame(1.0, *noise));
             let held = world.controller.held();
-            let work = |held: &Held| held.samples * f64::from(held.rays);
-            // One step of the ladder doubles the work; a frame climbs a twentieth of it, and rays are whole.
+            let work = |held: &QualityState| held.samples * f64::from(held.rays);
+            // One step of the levels doubles the work; a frame climbs a twentieth of it, and rays are whole.
             prop_assert!((work(&held) / work(&last)).ln() < 0.12, "no jump: {:?} {:?}", last, held);
             patterns += u32::from(held.samples != last.samples);
             last = held;

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use glam::DVec3;
 use winit::keyboard::KeyCode;
 
-use crate::headset::walker::Wish;
+use crate::headset::mouse_look::Wish;
 
 /// What is held and what has happened since the last frame.
 #[derive(Clone, Debug, Default)]

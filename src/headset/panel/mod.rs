@@ -1,13 +1,13 @@
 //! A window for both eyes' pictures, side by side: a headset's panel, or a desktop's window.
 
 mod keys;
+mod lens_warp;
 mod monitor;
 mod pass;
-mod warp;
 mod window;
 
 pub use keys::Keys;
+pub use lens_warp::LensWarp;
 pub use monitor::{Monitor, panel_among, rift_connectors};
 pub use pass::PanelPass;
-pub use warp::Warp;
-pub use window::{HELP, Moment, Panel, Shot, Wanted};
+pub use window::{HELP, Moment, Panel, PanelFrame, Wanted};

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::Warp;
+use super::LensWarp;
 use crate::error::Result;
 use crate::gpu::vulkan::{
     BufferRef, Commands, Context, DeviceBuffer, Format, PassPipeline, Rect, Shader, Target,
@@ -57,7 +57,7 @@ impl PanelPass {
         &mut self,
         commands: &mut Commands,
         picture: &Target,
-        warps: &[Warp],
+        warps: &[LensWarp],
         target: &Target,
     ) -> Result<()> {
         let bytes = picture.width() as usize * picture.height() as usize * 4;
@@ -79,7 +79,7 @@ impl PanelPass {
     }
 }
 
-fn parameters(warp: &Warp, picture: &Target) -> Parameters {
+fn parameters(warp: &LensWarp, picture: &Target) -> Parameters {
     let [left, top, width, height] = warp.source;
     let inside = left + width <= picture.width() && top + height <= picture.height();
     assert!(inside, "{:?} lies in the picture", warp.source);

@@ -15,10 +15,10 @@ use winit::window::{CursorGrabMode, Fullscreen, Window, WindowId};
 
 use super::keys::Keys;
 use super::monitor::{CONNECTORS, Monitor, panel_among, rift_connectors};
-use super::{PanelPass, Warp};
+use super::{LensWarp, PanelPass};
 use crate::error::{Error, Result};
 use crate::gpu::vulkan::{Context, ContextOptions, Shown, Swapchain, Target, window_extensions};
-use crate::headset::walker::Wish;
+use crate::headset::mouse_look::Wish;
 
 /// The keys, for the title and for the line that the program greets with.
 pub const HELP: &str = "click: the mouse looks around; WASD or arrows, Q and E walk; Shift hurries; R recentres; \
@@ -50,11 +50,11 @@ pub struct Moment {
 }
 
 /// A picture, and the way to bring it to the window.
-pub struct Shot {
+pub struct PanelFrame {
     /// The picture, of format R8G8B8A8, sRGB encoded.
     pub picture: Target,
     /// How it fills the window; rectangles do not overlap, and cover it all.
-    pub warps: Vec<Warp>,
+    pub warps: Vec<LensWarp>,
     /// What the window's title tells beside the frame rate.
     pub status: String,
 }
@@ -117,7 +117,7 @@ impl Panel {
         context: &Context,
         wanted: &Wanted,
         stop: &AtomicBool,
-        frame: &mut dyn FnMut(&Moment) -> Result<Shot>,
+        frame: &mut dyn FnMut(&Moment) -> Result<PanelFrame>,
     ) -> Result<u64> {
         let mut shower = Shower {
             context,
@@ -157,7 +157,7 @@ struct Shower<'a> {
     context: &'a Context,
     wanted: &'a Wanted,
     stop: &'a AtomicBool,
-    frame: &'a mut dyn FnMut(&Moment) -> Result<Shot>,
+    frame: &'a mut dyn FnMut(&Moment) -> Result<PanelFrame>,
     opened: Option<Opened>,
     keys: Keys,
     /// The mouse turns the head.
@@ -210,11 +210,11 @@ impl Shower<'_> {
         let since_last = self.last.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
         let (latency, period_ms) = (self.latency, period_ms(&opened.window));
         let moment = Moment { now, since_last, latency, wish, recentre, lock_exposure, window, period_ms };
-        let shot = (self.frame)(&moment)?;
+        let made = (self.frame)(&moment)?;
         opened.window.pre_present_notify();
         let (swapchain, pass) = (&mut opened.swapchain, &mut opened.pass);
         let shown =
-            swapchain.show(|commands, target| pass.record(commands, &shot.picture, &shot.warps, target))?;
+            swapchain.show(|commands, target| pass.record(commands, &made.picture, &made.warps, target))?;
         if shown == Shown::NeedsResize {
             let size = opened.window.inner_size();
             return opened.swapchain.resize(size.width, size.height);
@@ -222,7 +222,7 @@ impl Shower<'_> {
         if shown == Shown::Yes {
             self.latency = now.elapsed().as_secs_f64();
             self.shown += 1;
-            self.entitle(&shot.status);
+            self.entitle(&made.status);
         }
         Ok(())
     }

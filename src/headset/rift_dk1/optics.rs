@@ -9,7 +9,7 @@ use glam::DVec2;
 
 use super::report::DisplayInfo;
 use crate::foveation::Lens;
-use crate::headset::panel::Warp;
+use crate::headset::panel::LensWarp;
 use crate::math::view::{FieldOfView, View};
 
 /// From the eye to the panel, metres: what LibOVR 0.2.x uses; the device's own figure is poorly measured.
@@ -233,7 +233,7 @@ impl Optics {
     /// How the panel's picture is made of both eyes' pictures, which stand side by side and have
     /// `picture` pixels each, in a window of `window` pixels. A window of another shape than the panel's
     /// shows it as large as fits.
-    pub fn warps(&self, picture: [u32; 2], window: [u32; 2]) -> [Warp; 2] {
+    pub fn warps(&self, picture: [u32; 2], window: [u32; 2]) -> [LensWarp; 2] {
         let [across, down] = window.map(f64::from);
         let [panel_across, panel_down] = self.pixels.map(f64::from);
         let scale = (across / panel_across).min(down / panel_down);
@@ -248,7 +248,7 @@ impl Optics {
                 Eye::Right => (middle, window[0], 0.5, picture[0]),
             };
             let centre = across / 2.0 + half_width * (side + 0.5 * self.centre_offset(eye));
-            Warp {
+            LensWarp {
                 target: [first, 0, end - first, window[1]],
                 source: [source, 0, picture[0], picture[1]],
                 target_centre: [centre, down / 2.0],

@@ -8,9 +8,9 @@ use crate::error::Result;
 use crate::foveation::Law;
 use crate::frame::{Plan, Renderer};
 use crate::math::view::View;
-use crate::measure::metric::{Viewing, compare, psnr_up_to_white};
-use crate::measure::pairs::{Match, matches};
-use crate::measure::{Display, Picture};
+use crate::metrics::metric::{Viewing, compare, psnr_up_to_white};
+use crate::metrics::pairs::{Match, matches};
+use crate::metrics::{Display, Picture};
 
 /// How far a reference is expected to be from the truth that it would reach with endless passes, from
 /// how far its two halves are apart: the mean of both has half of their difference's deviation.

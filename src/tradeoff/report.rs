@@ -12,7 +12,7 @@ use super::{candidate, page, spread};
 use crate::config::OperatingPoint;
 use crate::error::{Error, Result};
 use crate::frame::front::{on_front, with_ladder};
-use crate::measure::stats::{mean, median, percentile};
+use crate::metrics::stats::{mean, median, percentile};
 
 /// One way to make frames, with what it costs and reaches.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,101 +1,101 @@
-//! How rays walk the tree: the kernels' variants.
+//! How rays traverse the tree: the kernels' variants.
 
 use crate::gpu::opencl::Device;
 
 /// A variant of the kernels. All find the same hits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Walk {
+pub enum Traversal {
     /// Rays that belong together share a work-item, and vector lanes test eight boxes or triangles: for processors.
-    Together,
+    Packet,
     /// A work-item follows one ray after the other through compact nodes: for graphics processors.
-    Alone,
+    SingleRay,
 }
 
 /// The variants for both kinds of rays. Where they differ, a device holds the tree in both forms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Walks {
+pub struct Traversals {
     /// For rays that pixels send: camera rays, the rays of edges, and those that ask for the sun.
-    pub pixels: Walk,
+    pub pixels: Traversal,
     /// For the light rays of samples.
-    pub bundles: Walk,
+    pub bundles: Traversal,
 }
 
-impl From<Walk> for Walks {
-    fn from(walk: Walk) -> Walks {
-        Walks { pixels: walk, bundles: walk }
+impl From<Traversal> for Traversals {
+    fn from(traversal: Traversal) -> Traversals {
+        Traversals { pixels: traversal, bundles: traversal }
     }
 }
 
-impl Walks {
+impl Traversals {
     /// Whether any rays use a variant.
-    pub fn contain(self, walk: Walk) -> bool {
-        self.pixels == walk || self.bundles == walk
+    pub fn contain(self, traversal: Traversal) -> bool {
+        self.pixels == traversal || self.bundles == traversal
     }
 }
 
-impl Walk {
+impl Traversal {
     /// All variants.
-    pub const ALL: [Walk; 2] = [Walk::Together, Walk::Alone];
+    pub const ALL: [Traversal; 2] = [Traversal::Packet, Traversal::SingleRay];
 
     /// What suits a device's kind.
-    pub fn for_device(device: &Device) -> Walk {
-        if device.info().kind == "gpu" { Walk::Alone } else { Walk::Together }
+    pub fn for_device(device: &Device) -> Traversal {
+        if device.info().kind == "gpu" { Traversal::SingleRay } else { Traversal::Packet }
     }
 
     /// Its name, as in settings.
     pub fn name(self) -> &'static str {
         match self {
-            Walk::Together => "together",
-            Walk::Alone => "alone",
+            Traversal::Packet => "packet",
+            Traversal::SingleRay => "single-ray",
         }
     }
 
     /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
     pub(super) fn group(self) -> usize {
         match self {
-            Walk::Together => 8,
-            Walk::Alone => 64,
+            Traversal::Packet => 8,
+            Traversal::SingleRay => 64,
         }
     }
 
     /// Work-items that trace the camera rays of blocks of 8 by 8 pixels.
     pub(super) fn items_of_blocks(self, blocks: usize) -> usize {
         match self {
-            Walk::Together => blocks,
-            Walk::Alone => blocks * 64,
+            Traversal::Packet => blocks,
+            Traversal::SingleRay => blocks * 64,
         }
     }
 
     /// Work-items that trace samples' camera rays.
     pub(super) fn items_of_samples(self, samples: usize, device: &Device) -> usize {
         match self {
-            Walk::Together => shares(samples.div_ceil(32), BLOCKS, device),
-            Walk::Alone => samples,
+            Traversal::Packet => shares(samples.div_ceil(32), BLOCKS, device),
+            Traversal::SingleRay => samples,
         }
     }
 
     /// Work-items that trace bundles of 32 rays.
     pub(super) fn items_of_bundles(self, bundles: usize, device: &Device) -> usize {
         match self {
-            Walk::Together => self.items_of_streams(bundles, device),
-            Walk::Alone => bundles * 32,
+            Traversal::Packet => self.items_of_streams(bundles, device),
+            Traversal::SingleRay => bundles * 32,
         }
     }
 
     /// Work-items that share streams of light rays, one of each sample.
     pub(super) fn items_of_streams(self, streams: usize, device: &Device) -> usize {
         match self {
-            Walk::Together => shares(streams, STREAMS, device),
-            Walk::Alone => streams,
+            Traversal::Packet => shares(streams, STREAMS, device),
+            Traversal::SingleRay => streams,
         }
     }
 
     /// Work-items in a group of those that share streams or blocks of samples.
     pub(super) fn group_of_streams(self) -> usize {
         match self {
-            Walk::Together => 1,
-            Walk::Alone => self.group(),
+            Traversal::Packet => 1,
+            Traversal::SingleRay => self.group(),
         }
     }
 }

@@ -28,19 +28,19 @@ pub struct Wish {
 
 /// A head that stands, walks and looks around.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Walker {
+pub struct MouseLook {
     position: DVec3,
     /// Radians to the left of -Z, and up.
     yaw: f64,
     pitch: f64,
 }
 
-impl Walker {
+impl MouseLook {
     /// A head that begins at a pose; a roll is left out.
     pub fn new(start: Pose) -> Self {
         let ahead = start.rotation * DVec3::NEG_Z;
         let pitch = ahead.y.clamp(-1.0, 1.0).asin().clamp(-MOST_PITCH, MOST_PITCH);
-        Walker { position: start.position, yaw: (-ahead.x).atan2(-ahead.z), pitch }
+        MouseLook { position: start.position, yaw: (-ahead.x).atan2(-ahead.z), pitch }
     }
 
     /// Turns by the mouse, and walks for `seconds` where a head of orientation `facing` looks, on the level.
@@ -79,49 +79,49 @@ mod tests {
     #[test]
     fn it_begins_where_it_is_put() {
         let pose = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::new(-4.0, 1.0, 2.5));
-        let walker = Walker::new(pose);
-        assert!(walker.orientation().angle_between(pose.rotation) < 1e-6);
-        assert_eq!(walker.position(), pose.position);
+        let mouse_look = MouseLook::new(pose);
+        assert!(mouse_look.orientation().angle_between(pose.rotation) < 1e-6);
+        assert_eq!(mouse_look.position(), pose.position);
     }
 
     #[test]
     fn it_walks_where_it_looks_and_stays_level() {
-        let mut walker = Walker::new(Pose::look_at(DVec3::ZERO, DVec3::new(5.0, -3.0, 0.0)));
-        let facing = walker.orientation();
+        let mut mouse_look = MouseLook::new(Pose::look_at(DVec3::ZERO, DVec3::new(5.0, -3.0, 0.0)));
+        let facing = mouse_look.orientation();
         for _ in 0..10 {
-            walker.step(&Wish { go: DVec3::NEG_Z, ..Wish::default() }, 0.1, facing);
+            mouse_look.step(&Wish { go: DVec3::NEG_Z, ..Wish::default() }, 0.1, facing);
         }
-        assert!((walker.position() - DVec3::X * SPEED).length() < 1e-9);
+        assert!((mouse_look.position() - DVec3::X * SPEED).length() < 1e-9);
         let diagonal = Wish { go: DVec3::new(1.0, 0.0, -1.0), hurry: true, ..Wish::default() };
-        let before = walker.position();
-        walker.step(&diagonal, 0.1, facing);
-        assert!(((walker.position() - before).length() - 0.1 * SPEED * HURRY).abs() < 1e-9);
-        assert!(walker.position().z > 0.0, "its right is +Z when it looks along +X");
-        let before = walker.position();
-        walker.step(&diagonal, 1e6, facing);
-        assert!((walker.position() - before).length() < 2.0, "a stall is no leap");
+        let before = mouse_look.position();
+        mouse_look.step(&diagonal, 0.1, facing);
+        assert!(((mouse_look.position() - before).length() - 0.1 * SPEED * HURRY).abs() < 1e-9);
+        assert!(mouse_look.position().z > 0.0, "its right is +Z when it looks along +X");
+        let before = mouse_look.position();
+        mouse_look.step(&diagonal, 1e6, facing);
+        assert!((mouse_look.position() - before).length() < 2.0, "a stall is no leap");
     }
 
     #[test]
     fn steps_of_any_length_go_a_tenth_of_a_second_at_most() {
         let wish = Wish { go: DVec3::NEG_Z, mouse: [1e9, -1e9], hurry: true };
         for (seconds, expected) in [(0.0, 0.0), (f64::NAN, 0.0), (1e6, SPEED * HURRY * LONGEST_STEP)] {
-            let mut walker = Walker::new(Pose::IDENTITY);
-            walker.step(&wish, seconds, DQuat::IDENTITY);
-            assert!((walker.position().length() - expected).abs() < 1e-9, "{seconds}");
-            assert!(walker.orientation().is_normalized());
+            let mut mouse_look = MouseLook::new(Pose::IDENTITY);
+            mouse_look.step(&wish, seconds, DQuat::IDENTITY);
+            assert!((mouse_look.position().length() - expected).abs() < 1e-9, "{seconds}");
+            assert!(mouse_look.orientation().is_normalized());
         }
     }
 
     #[test]
     fn the_mouse_turns_it_right_and_down_and_never_over() {
-        let mut walker = Walker::new(Pose::IDENTITY);
+        let mut mouse_look = MouseLook::new(Pose::IDENTITY);
         let look = |mouse| Wish { mouse, ..Wish::default() };
-        walker.step(&look([100.0, 50.0]), 0.0, DQuat::IDENTITY);
-        let ahead = walker.orientation() * DVec3::NEG_Z;
+        mouse_look.step(&look([100.0, 50.0]), 0.0, DQuat::IDENTITY);
+        let ahead = mouse_look.orientation() * DVec3::NEG_Z;
         assert!(ahead.x > 0.2 && ahead.y < -0.1 && ahead.z < 0.0);
-        walker.step(&look([0.0, 1e6]), 0.0, DQuat::IDENTITY);
-        walker.step(&look([f64::NAN, f64::INFINITY]), f64::NAN, DQuat::IDENTITY);
-        assert!((walker.orientation() * DVec3::Y).y > 0.0);
+        mouse_look.step(&look([0.0, 1e6]), 0.0, DQuat::IDENTITY);
+        mouse_look.step(&look([f64::NAN, f64::INFINITY]), f64::NAN, DQuat::IDENTITY);
+        assert!((mouse_look.orientation() * DVec3::Y).y > 0.0);
     }
 }

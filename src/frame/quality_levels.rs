@@ -6,25 +6,25 @@ use crate::config::{Config, OperatingPoint};
 /// Points of one family, cheapest first, each dearer and better than the one before: they differ in
 /// numbers of samples and rays alone, so that frames may move between them unseen.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ladder {
+pub struct QualityLevels {
     steps: Vec<OperatingPoint>,
     /// It is not of the family of the settings that it was chosen for.
     pub foreign: bool,
 }
 
-impl Ladder {
-    /// The best ladder among points: of the family that `config` belongs to where that has at least two
+impl QualityLevels {
+    /// The best levels among points: of the family that `config` belongs to where that has at least two
     /// steps, else of the family with the most steps. `None` without points.
-    pub fn of(points: &[OperatingPoint], config: &Config) -> Option<Ladder> {
+    pub fn of(points: &[OperatingPoint], config: &Config) -> Option<QualityLevels> {
         let given = OperatingPoint::of(config, 1, 1.0, 0.0);
-        let own = Ladder::family(points, &given);
+        let own = QualityLevels::family(points, &given);
         if own.len() >= 2 {
-            return Some(Ladder { steps: own, foreign: false });
+            return Some(QualityLevels { steps: own, foreign: false });
         }
-        let families = points.iter().map(|point| Ladder::family(points, point));
+        let families = points.iter().map(|point| QualityLevels::family(points, point));
         let steps = families.max_by_key(Vec::len)?;
         let foreign = !steps.first()?.same_family(&given);
-        Some(Ladder { steps, foreign })
+        Some(QualityLevels { steps, foreign })
     }
 
     /// The front among points that differ from `member` in samples and rays only.
@@ -61,7 +61,7 @@ impl Ladder {
         self.between(position, |p| value(p).ln()).exp()
     }
 
-    /// The highest position up to which a value that grows along the ladder is at most `limit`; 0 where
+    /// The highest position up to which a value that grows along the levels is at most `limit`; 0 where
     /// none is.
     pub fn reach(&self, limit: f64, value: impl Fn(&OperatingPoint) -> f64) -> f64 {
         let above = self.steps.iter().position(|p| value(p) > limit);

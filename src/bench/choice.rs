@@ -21,10 +21,10 @@ use crate::private_file::{self, user_folder};
 use crate::progress;
 use crate::scene::Features;
 use crate::trace::source::{self, probe_text};
-use crate::trace::{Walk, Walks};
+use crate::trace::{Traversal, Traversals};
 
 /// Changes whenever measurements of old are not to be trusted any more.
-const MEASURED_AS: &str = "foveate walks 2";
+const MEASURED_AS: &str = "foveate traversals 2";
 /// A variant is taken over the one that is expected where it needs less than this part of its time.
 const CLEARLY: f64 = 0.9;
 /// After so long a variant that was of no use is tried again.
@@ -37,7 +37,7 @@ const MOST_BYTES: u64 = 4096;
 pub struct Choice {
     /// The variants.
     #[serde(flatten)]
-    pub walks: Walks,
+    pub traversals: Traversals,
     /// Where that is known from.
     pub source: Source,
     /// Milliseconds of each variant that works: of dense camera rays, and of light rays; where it was measured.
@@ -62,26 +62,31 @@ pub enum Source {
 
 impl Choice {
     /// What settings force.
-    pub fn forced(walk: Walk) -> Choice {
-        Choice { walks: walk.into(), source: Source::Forced, times: Vec::new(), refused: Vec::new() }
+    pub fn forced(traversal: Traversal) -> Choice {
+        Choice {
+            traversals: traversal.into(),
+            source: Source::Forced,
+            times: Vec::new(),
+            refused: Vec::new(),
+        }
     }
 
     /// The choice for a device: from the user's cache, or measured now and kept there.
     pub fn of(device: &Device) -> Choice {
-        Choice::with_cache(device, user_folder().map(|folder| folder.join("walks")).as_deref())
+        Choice::with_cache(device, user_folder().map(|folder| folder.join("traversals")).as_deref())
     }
 
     /// [`Choice::of`] with a folder of the caller's. One that cannot be written is no error, only slow.
     pub fn with_cache(device: &Device, folder: Option<&Path>) -> Choice {
-        let usual = Walk::for_device(device);
-        let path = folder.map(|folder| folder.join(format!("{:032x}.walks", key(device))));
+        let usual = Traversal::for_device(device);
+        let path = folder.map(|folder| folder.join(format!("{:032x}.traversals", key(device))));
         if let Some(findings) = path.as_deref().and_then(read) {
             return Choice::from_findings(findings, usual, Source::Kept);
         }
         let _line = progress::step("measuring which kernels are faster here, once for this device");
         let found = match isolated::program() {
             Some(program) => trial::variants(program, device, PATIENCE),
-            None => examine(device, &Walk::ALL),
+            None => examine(device, &Traversal::ALL),
         };
         match found {
             Ok(findings) => {
@@ -92,7 +97,7 @@ impl Choice {
                 Choice::from_findings(findings, usual, Source::Measured)
             }
             Err(error) => Choice {
-                walks: usual.into(),
+                traversals: usual.into(),
                 source: Source::Assumed(error.to_string()),
                 times: Vec::new(),
                 refused: Vec::new(),
@@ -100,9 +105,9 @@ impl Choice {
         }
     }
 
-    fn from_findings(findings: Findings, usual: Walk, source: Source) -> Choice {
+    fn from_findings(findings: Findings, usual: Traversal, source: Source) -> Choice {
         let Findings { times, refused } = findings;
-        Choice { walks: fastest(&times, usual), source, times, refused }
+        Choice { traversals: fastest(&times, usual), source, times, refused }
     }
 
     /// The variants to use for frames of a scene: those that were chosen, or, where its kernels do not work in them,
@@ -110,8 +115,13 @@ impl Choice {
     ///
     /// # Errors
     /// Why none does, for the operator.
-    pub fn for_frames(&self, device: &Device, features: &Features, depth: u32) -> Result<Walks, String> {
-        self.for_frames_with_cache(device, features, depth, user_folder().map(|f| f.join("walks")).as_deref())
+    pub fn for_frames(&self, device: &Device, features: &Features, depth: u32) -> Result<Traversals, String> {
+        self.for_frames_with_cache(
+            device,
+            features,
+            depth,
+            user_folder().map(|f| f.join("traversals")).as_deref(),
+        )
     }
 
     fn for_frames_with_cache(
@@ -120,9 +130,9 @@ impl Choice {
         features: &Features,
         depth: u32,
         folder: Option<&Path>,
-    ) -> Result<Walks, String> {
+    ) -> Result<Traversals, String> {
         let told = |refused: &[Refusal]| {
-            let reason = |r: &Refusal| format!("{}: {}", r.walk.name(), r.reason);
+            let reason = |r: &Refusal| format!("{}: {}", r.traversal.name(), r.reason);
             refused.iter().map(reason).collect::<Vec<_>>().join("; ")
         };
         if self.times.is_empty() && !self.refused.is_empty() {
@@ -131,25 +141,25 @@ impl Choice {
                 told(&self.refused)
             ));
         }
-        let Some(program) = isolated::program() else { return Ok(self.walks) };
-        let mut candidates = vec![self.walks];
+        let Some(program) = isolated::program() else { return Ok(self.traversals) };
+        let mut candidates = vec![self.traversals];
         if self.source != Source::Forced {
-            let works = |walk: &Walk| self.refused.iter().all(|r| r.walk != *walk);
-            candidates.extend(Walk::ALL.into_iter().filter(works).map(Walks::from));
+            let works = |traversal: &Traversal| self.refused.iter().all(|r| r.traversal != *traversal);
+            candidates.extend(Traversal::ALL.into_iter().filter(works).map(Traversals::from));
         }
         let mut problems = Vec::new();
-        for walks in candidates {
-            let path =
-                folder.map(|f| f.join(format!("{:032x}.frames", frames_key(device, features, depth, walks))));
+        for traversals in candidates {
+            let path = folder
+                .map(|f| f.join(format!("{:032x}.frames", frames_key(device, features, depth, traversals))));
             let tried = path.as_deref().and_then(read_verdict).unwrap_or_else(|| {
-                let verdict = trial::frames(program, device, walks, *features, depth, PATIENCE);
+                let verdict = trial::frames(program, device, traversals, *features, depth, PATIENCE);
                 let _ = path
                     .as_deref()
                     .map(|path| keep_line(path, &serde_json::to_string(&verdict).expect("text")));
                 verdict
             });
             match tried {
-                Ok(()) => return Ok(walks),
+                Ok(()) => return Ok(traversals),
                 Err(problem) if !problems.contains(&problem) => problems.push(problem),
                 Err(_) => {}
             }
@@ -159,18 +169,18 @@ impl Choice {
 
     /// One line: what, and why.
     pub fn describe(&self) -> String {
-        let Walks { pixels, bundles } = self.walks;
+        let Traversals { pixels, bundles } = self.traversals;
         let what = format!("camera rays {}, light rays {}", pixels.name(), bundles.name());
         let figures = || {
             let figure =
-                |t: &Times| format!("{} {:.1} and {:.1} ms", t.walk.name(), t.pixels_ms, t.bundles_ms);
+                |t: &Times| format!("{} {:.1} and {:.1} ms", t.traversal.name(), t.pixels_ms, t.bundles_ms);
             self.times.iter().map(figure).collect::<Vec<_>>().join(", ")
         };
         let refused: String =
-            self.refused.iter().map(|r| format!("; not {}: {}", r.walk.name(), r.reason)).collect();
+            self.refused.iter().map(|r| format!("; not {}: {}", r.traversal.name(), r.reason)).collect();
         let what = what + &refused;
         match &self.source {
-            Source::Forced => format!("{what} (trace.walk)"),
+            Source::Forced => format!("{what} (trace.traversal)"),
             Source::Measured => format!("{what} (measured now: {})", figures()),
             Source::Kept => format!("{what} (measured at an earlier start: {})", figures()),
             Source::Assumed(why) => format!("{what} (not measured: {why})"),
@@ -179,22 +189,22 @@ impl Choice {
 }
 
 /// For each kind of ray the fastest variant; `usual`, where it works and no other is clearly faster.
-fn fastest(times: &[Times], usual: Walk) -> Walks {
+fn fastest(times: &[Times], usual: Traversal) -> Traversals {
     let best = |ms: fn(&Times) -> f64| {
-        let of_usual = times.iter().find(|t| t.walk == usual).map_or(f64::INFINITY, ms);
+        let of_usual = times.iter().find(|t| t.traversal == usual).map_or(f64::INFINITY, ms);
         let other = times.iter().min_by(|a, b| ms(a).total_cmp(&ms(b)));
-        other.filter(|t| ms(t) < CLEARLY * of_usual).map_or(usual, |t| t.walk)
+        other.filter(|t| ms(t) < CLEARLY * of_usual).map_or(usual, |t| t.traversal)
     };
-    Walks { pixels: best(|t| t.pixels_ms), bundles: best(|t| t.bundles_ms) }
+    Traversals { pixels: best(|t| t.pixels_ms), bundles: best(|t| t.bundles_ms) }
 }
 
 /// What a trial of the kernels of frames depends on.
-fn frames_key(device: &Device, features: &Features, depth: u32, walks: Walks) -> u128 {
+fn frames_key(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> u128 {
     let mut hash = Xxh3::new();
     hash.update(&key(device).to_le_bytes());
     hash.update(source::text().as_bytes());
-    for walk in [walks.pixels, walks.bundles] {
-        hash.update(source::options(device.info(), features, depth, walk).as_bytes());
+    for traversal in [traversals.pixels, traversals.bundles] {
+        hash.update(source::options(device.info(), features, depth, traversal).as_bytes());
         hash.update(&[0]);
     }
     hash.digest128()
@@ -228,9 +238,10 @@ fn read(path: &Path) -> Option<Findings> {
     let findings: Findings = serde_json::from_str(&line).ok()?;
     let Findings { times, refused } = &findings;
     let is_time = |ms: f64| ms.is_finite() && ms > 0.0;
-    let known =
-        |walk: &Walk| times.iter().any(|t| t.walk == *walk) || refused.iter().any(|r| r.walk == *walk);
-    let whole = Walk::ALL.iter().all(known) && (refused.is_empty() || age < BELIEVED);
+    let known = |traversal: &Traversal| {
+        times.iter().any(|t| t.traversal == *traversal) || refused.iter().any(|r| r.traversal == *traversal)
+    };
+    let whole = Traversal::ALL.iter().all(known) && (refused.is_empty() || age < BELIEVED);
     (whole && times.iter().all(|t| is_time(t.pixels_ms) && is_time(t.bundles_ms))).then_some(findings)
 }
 
@@ -257,21 +268,25 @@ mod tests {
     use std::fs;
 
     fn times(values: [[f64; 2]; 2]) -> Vec<Times> {
-        let of = |(walk, [pixels_ms, bundles_ms]): (Walk, [f64; 2])| Times { walk, pixels_ms, bundles_ms };
-        Walk::ALL.into_iter().zip(values).map(of).collect()
+        let of = |(traversal, [pixels_ms, bundles_ms]): (Traversal, [f64; 2])| Times {
+            traversal,
+            pixels_ms,
+            bundles_ms,
+        };
+        Traversal::ALL.into_iter().zip(values).map(of).collect()
     }
 
     #[test]
     fn the_usual_variant_stays_unless_another_is_clearly_faster() {
-        let both = |pixels, bundles| Walks { pixels, bundles };
-        use Walk::{Alone, Together};
+        let both = |pixels, bundles| Traversals { pixels, bundles };
+        use Traversal::{Packet, SingleRay};
         for (values, usual, expected) in [
-            ([[10.0, 10.0], [20.0, 30.0]], Together, both(Together, Together)),
-            ([[10.0, 10.0], [20.0, 30.0]], Alone, both(Together, Together)),
-            ([[10.0, 10.0], [9.5, 9.5]], Together, both(Together, Together)),
-            ([[10.0, 10.0], [9.5, 9.5]], Alone, both(Alone, Alone)),
-            ([[10.0, 10.0], [12.0, 5.0]], Together, both(Together, Alone)),
-            ([[5.0, 10.0], [12.0, 9.0]], Alone, both(Together, Alone)),
+            ([[10.0, 10.0], [20.0, 30.0]], Packet, both(Packet, Packet)),
+            ([[10.0, 10.0], [20.0, 30.0]], SingleRay, both(Packet, Packet)),
+            ([[10.0, 10.0], [9.5, 9.5]], Packet, both(Packet, Packet)),
+            ([[10.0, 10.0], [9.5, 9.5]], SingleRay, both(SingleRay, SingleRay)),
+            ([[10.0, 10.0], [12.0, 5.0]], Packet, both(Packet, SingleRay)),
+            ([[5.0, 10.0], [12.0, 9.0]], SingleRay, both(Packet, SingleRay)),
         ] {
             assert_eq!(fastest(&times(values), usual), expected, "{values:?}");
         }
@@ -280,7 +295,7 @@ mod tests {
     #[test]
     fn kept_times_are_read_again_and_damaged_files_are_not() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a/b.walks");
+        let path = folder.path().join("a/b.traversals");
         assert_eq!(read(&path), None);
         let some = Findings { times: times([[1.5, 2.25], [3.0, 4.5]]), refused: Vec::new() };
         keep(&path, &some).unwrap();
@@ -301,16 +316,17 @@ mod tests {
             keep(&path, &findings).unwrap();
             (read(&path) == Some(findings)).then_some(())
         };
-        let refused = vec![Refusal { walk: Walk::Alone, reason: "its driver crashed".into() }];
+        let refused = vec![Refusal { traversal: Traversal::SingleRay, reason: "its driver crashed".into() }];
         assert_eq!(with(times([[1.0, 0.0], [1.0, 1.0]]), Vec::new()), None, "no time at all");
         assert_eq!(with(some.times[..1].to_vec(), Vec::new()), None, "a variant is missing");
         assert_eq!(with(some.times[..1].to_vec(), refused.clone()), Some(()));
         let long_ago = std::time::SystemTime::now() - 2 * BELIEVED;
         fs::File::options().append(true).open(&path).unwrap().set_modified(long_ago).unwrap();
         assert_eq!(read(&path), None, "a failure of days ago");
-        let choice =
-            |times, refused| Choice::from_findings(Findings { times, refused }, Walk::Alone, Source::Kept);
-        assert_eq!(choice(some.times[..1].to_vec(), refused).walks, Walks::from(Walk::Together));
+        let choice = |times, refused| {
+            Choice::from_findings(Findings { times, refused }, Traversal::SingleRay, Source::Kept)
+        };
+        assert_eq!(choice(some.times[..1].to_vec(), refused).traversals, Traversals::from(Traversal::Packet));
     }
 
     #[test]
@@ -324,7 +340,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let ask = || Choice::with_cache(&device, Some(folder.path()));
         let first = ask();
-        assert_eq!((&first.source, first.times.len()), (&Source::Measured, Walk::ALL.len()), "{first:?}");
+        assert_eq!(
+            (&first.source, first.times.len()),
+            (&Source::Measured, Traversal::ALL.len()),
+            "{first:?}"
+        );
         let again = ask();
         assert_eq!(again, Choice { source: Source::Kept, ..first.clone() });
         let file = fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();

@@ -11,7 +11,7 @@ use crate::foveation::Law;
 use crate::frame::{Cut, FrameReport, Plan, Renderer};
 use crate::gpu::vulkan::Rect;
 use crate::math::view::{FieldOfView, View};
-use crate::measure::Picture;
+use crate::metrics::Picture;
 
 /// Eccentricities in degrees up to which the first and the second zone reach.
 const ZONES: [f64; 2] = [10.0, 20.0];
@@ -80,7 +80,7 @@ pub fn adjusted(means: &Means, factor: f64) -> Means {
 }
 
 /// A frame of one pose and gaze.
-pub struct Shot {
+pub struct TimedPictures {
     /// The eyes' pictures side by side, in the size of the views.
     pub picture: Picture,
     /// What it cost: of several frames for one picture, each counts with its share.
@@ -105,7 +105,7 @@ pub fn shoot(
     means: &Means,
     sight: Sight<'_>,
     seed: u32,
-) -> Result<Shot> {
+) -> Result<TimedPictures> {
     let Sight { eyes, before, gaze } = sight;
     let (rays, bounces) = (base.trace.rays, base.trace.bounces);
     match means {
@@ -113,14 +113,14 @@ pub fn shoot(
             renderer.apply(config)?;
             let plan = plan(eyes, config.view.stereo)?;
             let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
-            Ok(Shot { picture: taken(renderer, &plan)?, report })
+            Ok(TimedPictures { picture: taken(renderer, &plan)?, report })
         }
         Means::Late { config, corrected } => {
             renderer.apply(config)?;
             let (traced, shown) = (plan(before, config.view.stereo)?, plan(eyes, config.view.stereo)?);
             let mut late = |view: usize| corrected.then(|| shown.views[view].0.world_from_eye);
             let report = renderer.late_frame(&traced, &traced.gaze_points(gaze), seed, &mut late)?;
-            Ok(Shot { picture: taken(renderer, &traced)?, report })
+            Ok(TimedPictures { picture: taken(renderer, &traced)?, report })
         }
         Means::Zones { rays } => zones(renderer, base, *rays, eyes, gaze, seed),
         Means::Inset { scale } => {
@@ -134,7 +134,7 @@ pub fn shoot(
             let report = renderer.frame(&plan, &[], seed)?;
             let picture = taken(renderer, &plan)?;
             let lookup = |eye: usize, uv: DVec2| bilinear(&picture, plan.views[eye].1[0].rect, uv);
-            Ok(Shot { picture: composed(eyes, lookup)?, report })
+            Ok(TimedPictures { picture: composed(eyes, lookup)?, report })
         }
     }
 }
@@ -156,7 +156,7 @@ fn zones(
     eyes: &[View],
     gaze: DVec2,
     seed: u32,
-) -> Result<Shot> {
+) -> Result<TimedPictures> {
     let plan = plan(eyes, Stereo::PerEye)?;
     let points = plan.gaze_points(gaze);
     let mut zone_of = Vec::new();
@@ -189,7 +189,7 @@ fn zones(
         start += eye.pixels();
         left += eye.width;
     }
-    Ok(Shot { picture, report: total })
+    Ok(TimedPictures { picture, report: total })
 }
 
 /// The zone of a pixel: 0 around the gaze.
@@ -201,7 +201,13 @@ fn zone(eye: &View, gaze: DVec3, index: usize) -> u8 {
 }
 
 /// Quad views.
-fn inset(renderer: &mut Renderer, scale: f64, eyes: &[View], gaze: DVec2, seed: u32) -> Result<Shot> {
+fn inset(
+    renderer: &mut Renderer,
+    scale: f64,
+    eyes: &[View],
+    gaze: DVec2,
+    seed: u32,
+) -> Result<TimedPictures> {
     let whole = row(eyes);
     let corners: Vec<DVec2> = whole
         .gaze_points(gaze)
@@ -225,7 +231,7 @@ fn inset(renderer: &mut Renderer, scale: f64, eyes: &[View], gaze: DVec2, seed: 
         let (view, uv) = if focused { (2 * eye + 1, inside) } else { (2 * eye, uv) };
         bilinear(&picture, plan.views[view].1[0].rect, uv)
     };
-    Ok(Shot { picture: composed(eyes, lookup)?, report })
+    Ok(TimedPictures { picture: composed(eyes, lookup)?, report })
 }
 
 /// The field of view of the focus, from its upper left corner in 0..1 of the picture.

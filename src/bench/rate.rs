@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::cpu_time;
 use crate::error::Result;
-use crate::measure::stats::{median, percentile};
+use crate::metrics::stats::{median, percentile};
 use crate::trace::probe::{Probe, RayKind};
 
 /// How long rays of one kind took.

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
-use crate::measure::Picture;
+use crate::metrics::Picture;
 use crate::whole_file;
 
 /// Files of one measurement.

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::candidate::{Candidate, Means, RIVAL, WALK, candidates};
+use super::candidate::{Candidate, Means, RIVAL, TRAVERSAL, candidates};
 use super::effort::Effort;
 use super::judge::{Judge, Scores, split};
 use super::provenance::Provenance;
@@ -16,11 +16,11 @@ use crate::error::Result;
 use crate::frame::{FrameReport, Loaded, Renderer};
 use crate::math::pose::Pose;
 use crate::math::view::View;
-use crate::measure::metric::Viewing;
-use crate::measure::pairs::Match;
-use crate::measure::stats::{median, percentile};
-use crate::measure::{Display, Picture, flip};
-use crate::trace::Walk;
+use crate::metrics::metric::Viewing;
+use crate::metrics::pairs::Match;
+use crate::metrics::stats::{median, percentile};
+use crate::metrics::{Display, Picture, flip};
+use crate::trace::Traversal;
 
 /// What is measured.
 pub struct Subject<'a> {
@@ -36,7 +36,7 @@ pub struct Subject<'a> {
     /// second are traced.
     pub heads: &'a [[Pose; 3]],
     /// The kernels' variants that the devices do not use with the given settings.
-    pub walks: &'a [Walk],
+    pub traversals: &'a [Traversal],
     /// Makes a renderer with other settings, which the kernels' variants need.
     pub open: &'a dyn Fn(&Config) -> Result<Renderer>,
     /// What traces and what reconstructs.
@@ -91,7 +91,7 @@ pub fn sweep(
 ) -> Result<Report> {
     let key = fingerprint(subject);
     let store = Store::open(out, &key)?;
-    let own = candidates(subject.config, subject.effort, subject.walks);
+    let own = candidates(subject.config, subject.effort, subject.traversals);
     let others = rivals(subject.config, subject.effort != Effort::Quick);
     let mut meter = Meter::new(subject, &own, &others, progress);
     let mut bench = prepare(subject, renderer, store, &own, &mut meter)?;
@@ -111,7 +111,7 @@ pub fn sweep(
                 let target = points.first().map_or(0.0, |p| p.frame_ms * before / p.pulse_ms);
                 let candidate = bench.priced(renderer, candidate, target)?;
                 let mut point = match (candidate.config(), candidate.axis) {
-                    (Some(config), WALK) => bench.measure(&mut (subject.open)(config)?, &candidate)?,
+                    (Some(config), TRAVERSAL) => bench.measure(&mut (subject.open)(config)?, &candidate)?,
                     _ => bench.measure(renderer, &candidate)?,
                 };
                 let after = bench.pulse(renderer)?;
@@ -330,7 +330,7 @@ impl Bench<'_> {
                 let pixels = eye[0].pixels();
                 let point = OperatingPoint::of(config, pixels, frame_ms.max(1e-3), found.foveated_score);
                 // What frames cannot move to from one to the next is not on the front.
-                let competes = ![RIVAL, WALK].contains(&candidate.axis)
+                let competes = ![RIVAL, TRAVERSAL].contains(&candidate.axis)
                     && config.view.stereo == self.subject.config.view.stereo;
                 (effective(config, None), competes.then_some(point))
             }

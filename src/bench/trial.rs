@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::gpu::opencl::{Device, device};
 use crate::isolated::{self, Failure, stage};
 use crate::scene::Features;
-use crate::trace::{Walk, Walks, try_kernels};
+use crate::trace::{Traversal, Traversals, try_kernels};
 
 /// What another process is to try.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,11 +28,11 @@ pub struct Task {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum What {
     /// Variants of the kernels, by answers and times.
-    Variants(Vec<Walk>),
+    Variants(Vec<Traversal>),
     /// The kernels of frames.
     Frames {
         /// The variants.
-        walks: Walks,
+        traversals: Traversals,
         /// What the scene requires.
         features: Features,
         /// Levels of its tree.
@@ -56,19 +56,21 @@ impl What {
 /// # Errors
 /// Where the device fails in a way that is no variant's.
 pub fn variants(program: &Path, device: &Device, patience: Duration) -> Result<Findings> {
-    let ask = |walks: &[Walk]| isolated::run(program, &What::Variants(walks.to_vec()).on(device), patience);
-    match ask(&Walk::ALL) {
+    let ask = |traversals: &[Traversal]| {
+        isolated::run(program, &What::Variants(traversals.to_vec()).on(device), patience)
+    };
+    match ask(&Traversal::ALL) {
         Ok(answer) => findings(device, &answer),
         Err(_) => {
             let mut all = Findings::default();
-            for walk in Walk::ALL {
-                match ask(&[walk]) {
+            for traversal in Traversal::ALL {
+                match ask(&[traversal]) {
                     Ok(answer) => {
                         let found = findings(device, &answer)?;
                         all.times.extend(found.times);
                         all.refused.extend(found.refused);
                     }
-                    Err(failure) => all.refused.push(Refusal { walk, reason: failure.to_string() }),
+                    Err(failure) => all.refused.push(Refusal { traversal, reason: failure.to_string() }),
                 }
             }
             Ok(all)
@@ -89,12 +91,12 @@ fn findings(device: &Device, answer: &str) -> Result<Findings> {
 pub fn frames(
     program: &Path,
     device: &Device,
-    walks: Walks,
+    traversals: Traversals,
     features: Features,
     depth: u32,
     patience: Duration,
 ) -> Result<(), String> {
-    let what = What::Frames { walks, features, depth };
+    let what = What::Frames { traversals, features, depth };
     let answer = isolated::run(program, &what.on(device), patience).map_err(|f: Failure| f.to_string())?;
     serde_json::from_str(&answer).unwrap_or_else(|e| Err(e.to_string()))
 }
@@ -115,14 +117,14 @@ pub fn work(task: &str) -> Result<()> {
     let text = |error: Error| error.to_string();
     let opened = Device::open(info).map_err(text);
     let answer = match task.what {
-        What::Variants(walks) => {
+        What::Variants(traversals) => {
             let found: Result<Findings, String> =
-                opened.and_then(|device| examine(&device, &walks).map_err(text));
+                opened.and_then(|device| examine(&device, &traversals).map_err(text));
             serde_json::to_string(&found)
         }
-        What::Frames { walks, features, depth } => {
+        What::Frames { traversals, features, depth } => {
             let found: Result<(), String> =
-                opened.and_then(|device| try_kernels(&device, &features, depth, walks).map_err(text));
+                opened.and_then(|device| try_kernels(&device, &features, depth, traversals).map_err(text));
             serde_json::to_string(&found)
         }
     };
@@ -147,8 +149,8 @@ mod tests {
         let program = folder.path().join("program");
         let found = |ending: &str| {
             let script = format!(
-                "#!/bin/sh\ncase \"$2\" in *together*) echo '@foveate stage building'; {ending};; esac\n\
-                 echo '@foveate answer {{\"Ok\":{{\"times\":[{{\"walk\":\"alone\",\"pixels_ms\":1.0,\"bundles_ms\":2.0}}],\"refused\":[]}}}}'\n"
+                "#!/bin/sh\ncase \"$2\" in *packet*) echo '@foveate stage building'; {ending};; esac\n\
+                 echo '@foveate answer {{\"Ok\":{{\"times\":[{{\"traversal\":\"single-ray\",\"pixels_ms\":1.0,\"bundles_ms\":2.0}}],\"refused\":[]}}}}'\n"
             );
             std::fs::write(&program, script).unwrap();
             std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
@@ -160,9 +162,9 @@ mod tests {
             ("exec sleep 60", "its driver did not answer for 1 s while building"),
         ] {
             let found = found(ending);
-            let walks: Vec<Walk> = found.times.iter().map(|t| t.walk).collect();
-            assert_eq!(walks, [Walk::Alone], "{ending}");
-            let refused = Refusal { walk: Walk::Together, reason: told.into() };
+            let traversals: Vec<Traversal> = found.times.iter().map(|t| t.traversal).collect();
+            assert_eq!(traversals, [Traversal::SingleRay], "{ending}");
+            let refused = Refusal { traversal: Traversal::Packet, reason: told.into() };
             assert_eq!(found.refused, [refused], "{ending}");
         }
     }

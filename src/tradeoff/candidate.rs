@@ -3,7 +3,7 @@
 use super::effort::Effort;
 use crate::config::{Config, Method, Samples, Stereo, WeightsConfig};
 use crate::foveation::Law;
-use crate::trace::Walk;
+use crate::trace::Traversal;
 
 /// One way to make frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +54,7 @@ pub const GRID: &str = "samples and rays";
 /// The axis of what others do.
 pub const RIVAL: &str = "rival";
 /// The axis of the kernels' variants.
-pub const WALK: &str = "walk";
+pub const TRAVERSAL: &str = "traversal";
 /// The axis of pictures that are shown a frame after the pose that they were traced at.
 pub const LATE: &str = "late correction";
 
@@ -68,9 +68,9 @@ impl Candidate {
     }
 }
 
-/// Everything to measure except what others do, the given settings first. `walks` are the kernels' variants
+/// Everything to measure except what others do, the given settings first. `traversals` are the kernels' variants
 /// that the devices do not use with the given settings.
-pub fn candidates(base: &Config, effort: Effort, walks: &[Walk]) -> Vec<Candidate> {
+pub fn candidates(base: &Config, effort: Effort, traversals: &[Traversal]) -> Vec<Candidate> {
     let mut list = vec![own("as given", GIVEN, base.clone())];
     let mut add = |name: String, axis, change: &dyn Fn(&mut Config)| {
         let mut config = base.clone();
@@ -121,8 +121,8 @@ pub fn candidates(base: &Config, effort: Effort, walks: &[Walk]) -> Vec<Candidat
     for &bounces in bounces(effort) {
         add(format!("bounces {bounces}"), "bounces", &|c| c.trace.bounces = bounces);
     }
-    for &walk in walks {
-        add(format!("walk {}", walk.name()), WALK, &|c| c.trace.walk = walk.into());
+    for &traversal in traversals {
+        add(format!("traversal {}", traversal.name()), TRAVERSAL, &|c| c.trace.traversal = traversal.into());
     }
     for (name, corrected) in [("off", false), ("on", true)] {
         let means = Means::Late { config: Box::new(base.clone()), corrected };
@@ -174,7 +174,7 @@ mod tests {
         let mut config = Config::default();
         config.view.stereo = Stereo::PerEye;
         for effort in [Effort::Quick, Effort::Usual, Effort::Thorough] {
-            let list = candidates(&config, effort, &[Walk::Alone]);
+            let list = candidates(&config, effort, &[Traversal::SingleRay]);
             let names: HashSet<&str> = list.iter().map(|c| c.name.as_str()).collect();
             assert_eq!(names.len(), list.len());
             assert_eq!(list[0].axis, GIVEN);
@@ -183,7 +183,7 @@ mod tests {
             }
             let axes =
                 ["samples", "rays", GRID, "law", "reconstruction", "k", "weights", "edge rays", "stereo"];
-            for axis in axes.into_iter().chain([WALK, LATE]) {
+            for axis in axes.into_iter().chain([TRAVERSAL, LATE]) {
                 assert!(list.iter().any(|c| c.axis == axis), "{effort:?} sweeps {axis}");
             }
             assert_eq!(list.iter().any(|c| c.axis == "bounces"), effort != Effort::Quick);

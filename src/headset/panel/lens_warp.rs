@@ -8,7 +8,7 @@ use glam::DVec2;
 /// is measured in `units`; its length `r` is bent to `r (K0 + K1 r^2 + K2 r^4 + K3 r^6)`, for each colour
 /// times `a + b r^2`; and `source_units` turn it into pixels of the source.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Warp {
+pub struct LensWarp {
     /// The rectangle of the window: left, top, width, height.
     pub target: [u32; 4],
     /// The rectangle of the picture; what lies outside is black.
@@ -27,13 +27,13 @@ pub struct Warp {
     pub colours: [[f64; 2]; 3],
 }
 
-impl Warp {
+impl LensWarp {
     /// A whole picture scaled into a window, as large as fits, without lenses.
     pub fn fitted(picture: [u32; 2], window: [u32; 2]) -> Self {
         let [width, height] = picture.map(f64::from);
         let [across, down] = window.map(f64::from);
         let pixels = (width / across).max(height / down);
-        Warp {
+        LensWarp {
             target: [0, 0, window[0], window[1]],
             source: [0, 0, picture[0], picture[1]],
             target_centre: [across / 2.0, down / 2.0],
@@ -63,10 +63,10 @@ mod tests {
 
     #[test]
     fn a_fitted_picture_keeps_its_shape_and_fills_a_side() {
-        let warp = Warp::fitted([200, 100], [400, 400]);
+        let warp = LensWarp::fitted([200, 100], [400, 400]);
         assert_eq!(warp.source_of(DVec2::new(0.0, 100.0), 0), DVec2::new(0.0, 0.0));
         assert_eq!(warp.source_of(DVec2::new(400.0, 300.0), 2), DVec2::new(200.0, 100.0));
-        let same = Warp::fitted([30, 20], [30, 20]);
+        let same = LensWarp::fitted([30, 20], [30, 20]);
         assert_eq!(same.source_of(DVec2::new(3.5, 7.5), 1), DVec2::new(3.5, 7.5));
     }
 }

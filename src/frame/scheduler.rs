@@ -7,7 +7,7 @@ use super::balance::{Balancer, Observation, Slice};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
-use crate::trace::{Done, Fleet, Job, State};
+use crate::trace::{Fleet, Job, PartResult, State};
 
 /// How long a frame waits for a device to come back when none is left.
 const COMEBACK: Duration = Duration::from_secs(60);
@@ -38,17 +38,17 @@ pub struct ViewReport {
 }
 
 /// A fleet, and who gets which part of each view.
-pub struct Crew {
+pub struct Scheduler {
     fleet: Fleet,
     balancer: Balancer,
     /// Writes results in place: the fleet's first device.
     direct: Option<Device>,
 }
 
-impl Crew {
+impl Scheduler {
     /// `direct` is the fleet's first device, where it writes results in place.
     pub fn new(fleet: Fleet, direct: Option<Device>) -> Self {
-        Crew { balancer: Balancer::new(fleet.count()), fleet, direct }
+        Scheduler { balancer: Balancer::new(fleet.count()), fleet, direct }
     }
 
     /// The device that writes results in place, as long as it does.
@@ -66,7 +66,7 @@ impl Crew {
         self.fleet.take_notes()
     }
 
-    /// Has a view traced, whose results are in its landing afterwards. What a device leaves undone, the
+    /// Has a view traced, whose results are in its sample target afterwards. What a device leaves undone, the
     /// others do at once.
     ///
     /// # Errors
@@ -95,11 +95,11 @@ impl Crew {
             parts = self.balancer.split_part(job.index, workload, part);
         }
         // Only now: the device that writes in place also describes tiles around its part.
-        done.iter().for_each(|(_, done)| job.landing.take(&job, done));
+        done.iter().for_each(|(_, done)| job.sample_target.take(&job, done));
         done.iter().for_each(|(device, done)| report.add(*device, done));
         let observed: Vec<Observation> =
             done.into_iter().map(|(device, done)| observation(device, done)).collect();
-        self.balancer.observe(job.index, workload, &job.landing.seen(workload), &observed);
+        self.balancer.observe(job.index, workload, &job.sample_target.seen(workload), &observed);
         Ok(report)
     }
 
@@ -128,7 +128,7 @@ impl Crew {
 }
 
 impl ViewReport {
-    fn add(&mut self, device: usize, done: &Done) {
+    fn add(&mut self, device: usize, done: &PartResult) {
         self.rays += done.rays;
         let share = &mut self.devices[device];
         share.samples += done.part.samples.len() as u64;
@@ -160,7 +160,7 @@ impl DeviceShare {
     }
 }
 
-fn observation(device: usize, done: Done) -> Observation {
+fn observation(device: usize, done: PartResult) -> Observation {
     let slice = |(part, [pixels_ms, samples_ms]): (Part, [f64; 2])| Slice { part, pixels_ms, samples_ms };
     let overhead_ms = done.copy_ms + done.light_ms;
     Observation { device, slices: done.slices.into_iter().map(slice).collect(), overhead_ms }

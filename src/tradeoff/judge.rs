@@ -5,10 +5,10 @@ use glam::DVec2;
 use super::reference::Reference;
 use crate::error::Result;
 use crate::math::view::View;
-use crate::measure::foveated::{self, FoveatedDifference};
-use crate::measure::metric::{Viewing, compare, psnr_up_to_white};
-use crate::measure::pairs::{Match, disagreement, flicker};
-use crate::measure::{Display, Picture};
+use crate::metrics::foveated::{self, FoveatedDifference};
+use crate::metrics::metric::{Viewing, compare, psnr_up_to_white};
+use crate::metrics::pairs::{Match, disagreement, flicker};
+use crate::metrics::{Display, Picture};
 
 /// What pictures of one pose and gaze reach.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

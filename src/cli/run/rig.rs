@@ -7,12 +7,12 @@ use glam::{DVec2, DVec3};
 use super::keys::Keys;
 use crate::config::{HeadsetConfig, Turn, Walk};
 use crate::foveation::{BitMask, GazeFilter, GazeSample, GazeTarget};
-use crate::headset::locomotion::{Hands, Manner, Walker, upright};
+use crate::headset::locomotion::{Hands, Locomotion, Manner, upright};
 use crate::headset::openxr::{EyeView, Gaze, HiddenMesh};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::scene::{Scene, pick};
-use crate::session::Sharp;
+use crate::session::FoveaPoint;
 
 /// How far the gaze moves, in 0..1 of the image, before the pattern follows it: patterns cost time.
 const STEADY: f64 = 0.01;
@@ -28,9 +28,9 @@ const LONGEST_STEP: f64 = 0.1;
 const STEEPEST: f64 = 0.7;
 
 /// The wearer.
-pub struct Wearer {
+pub struct Rig {
     rest: Pose,
-    walker: Walker,
+    locomotion: Locomotion,
     height: f64,
     manner: Manner,
     /// Metres a second by keys.
@@ -44,23 +44,23 @@ pub struct Wearer {
 #[derive(Default)]
 struct Look {
     filter: GazeFilter,
-    sharp: Option<Sharp>,
+    fovea: Option<FoveaPoint>,
     mask: Option<(MaskKey, Option<Arc<BitMask>>)>,
 }
 
 /// A mask is made anew when one of these changes.
 type MaskKey = (u64, FieldOfView, u32, u32);
 
-impl Wearer {
+impl Rig {
     /// Stands at a pose of the scene, upright, as the settings let them move.
     pub fn new(rest: Pose, scene: &Scene, config: &HeadsetConfig) -> Self {
         let below = pick::nearest(&scene.mesh, rest.position - scene.anchor, DVec3::NEG_Y);
         let height = below.map_or(USUAL_HEIGHT, |(point, _)| rest.position.y - (scene.anchor.y + point.y));
         let turn = if config.turn == Turn::Off { 0.0 } else { config.turn_degrees.to_radians() };
         let rest = Pose { rotation: upright(rest.rotation), position: rest.position };
-        Wearer {
+        Rig {
             rest,
-            walker: Walker::new(rest),
+            locomotion: Locomotion::new(rest),
             height: height.clamp(0.5, 2.5),
             manner: Manner {
                 speed: if config.walk == Walk::Smooth { config.speed } else { 0.0 },
@@ -80,7 +80,7 @@ impl Wearer {
         let rise = height - self.height;
         self.height = height;
         self.rest.position.y += rise;
-        self.walker.rise(rise);
+        self.locomotion.rise(rise);
     }
 
     /// Moves as hands and keys say until a time, in nanoseconds.
@@ -90,10 +90,10 @@ impl Wearer {
         let head = between(eyes);
         self.step(hands, keys, &head, seconds);
         if let Some(aim) = hands.aim.filter(|_| hands.teleport && self.teleports) {
-            let aim = self.walker.world_from_space.then(aim);
+            let aim = self.locomotion.world_from_space.then(aim);
             let hit = pick::nearest(&scene.mesh, aim.position - scene.anchor, aim.rotation * DVec3::NEG_Z);
             if let Some((point, _)) = hit.filter(|(_, normal)| normal.y > STEEPEST) {
-                self.walker.stand_on(point + scene.anchor, &head, self.height);
+                self.locomotion.stand_on(point + scene.anchor, &head, self.height);
             }
         }
     }
@@ -101,7 +101,7 @@ impl Wearer {
     /// Keys go before hands; they walk smoothly even where controllers teleport.
     fn step(&mut self, hands: &Hands, keys: &Keys, head: &Pose, seconds: f64) {
         if keys.recentre {
-            self.walker.recentre(self.rest, head);
+            self.locomotion.recentre(self.rest, head);
         }
         let speed = self.speed * if keys.hurry { HURRY } else { 1.0 };
         let level = DVec2::new(keys.go.x, -keys.go.z);
@@ -112,17 +112,23 @@ impl Wearer {
             ..*hands
         };
         let manner = if by_keys { Manner { speed, ..self.manner } } else { self.manner };
-        self.walker.step(&hands, head, &manner, seconds);
-        self.walker.rise(keys.go.y * speed * seconds.clamp(0.0, LONGEST_STEP));
+        self.locomotion.step(&hands, head, &manner, seconds);
+        self.locomotion.rise(keys.go.y * speed * seconds.clamp(0.0, LONGEST_STEP));
     }
 
     /// A pose of the tracked space in the scene.
     pub fn in_scene(&self, space_from_eye: Pose) -> Pose {
-        self.walker.world_from_space.then(space_from_eye)
+        self.locomotion.world_from_space.then(space_from_eye)
     }
 
     /// Where the views are sharp at a time, in nanoseconds: where the eyes look, or at the optical centre.
-    pub fn look(&mut self, gaze: Option<Gaze>, eyes: &[EyeView], views: &[View], time: i64) -> Vec<Sharp> {
+    pub fn look(
+        &mut self,
+        gaze: Option<Gaze>,
+        eyes: &[EyeView],
+        views: &[View],
+        time: i64,
+    ) -> Vec<FoveaPoint> {
         self.looks.resize_with(views.len(), Look::default);
         let looks = self.looks.iter_mut().zip(eyes).zip(views);
         looks.map(|((look, eye), view)| look.follow(gaze, eye, view, time)).collect()
@@ -147,7 +153,7 @@ impl Wearer {
 }
 
 impl Look {
-    fn follow(&mut self, gaze: Option<Gaze>, eye: &EyeView, view: &View, time: i64) -> Sharp {
+    fn follow(&mut self, gaze: Option<Gaze>, eye: &EyeView, view: &View, time: i64) -> FoveaPoint {
         let seconds = |time: i64| time as f64 * 1e-9;
         if let Some(gaze) = gaze {
             let direction = eye.space_from_eye.rotation.conjugate() * gaze.direction;
@@ -155,11 +161,11 @@ impl Look {
             self.filter.push(view, GazeSample { time: seconds(gaze.time), target, valid: gaze.valid });
         }
         let new = self.filter.at(view, seconds(time));
-        let steady = |old: &Sharp| {
+        let steady = |old: &FoveaPoint| {
             (old.point - new.point).length() < STEADY && (old.widening - new.widening).abs() < STEADY_WIDENING
         };
-        let new = Sharp { point: new.point, widening: new.widening };
-        *self.sharp.insert(self.sharp.filter(steady).unwrap_or(new))
+        let new = FoveaPoint { point: new.point, widening: new.widening };
+        *self.fovea.insert(self.fovea.filter(steady).unwrap_or(new))
     }
 }
 
@@ -216,15 +222,15 @@ mod tests {
         let glb = crate::scene::generate::demo::generate();
         let scene = Scene::from_glb(std::path::Path::new("demo"), &glb).unwrap();
         let start = Pose::new(DQuat::IDENTITY, DVec3::new(0.0, 1.6, 0.0));
-        let mut wearer = Wearer::new(start, &scene, &crate::config::Config::default().headset);
-        let below = wearer.rest.position.y - wearer.height;
-        let ground = |wearer: &Wearer, height: f64| {
-            wearer.in_scene(Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -height, 0.0))).position.y
+        let mut rig = Rig::new(start, &scene, &crate::config::Config::default().headset);
+        let below = rig.rest.position.y - rig.height;
+        let ground = |rig: &Rig, height: f64| {
+            rig.in_scene(Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -height, 0.0))).position.y
         };
         for height in [1.2, 1.75, 0.9] {
-            wearer.stand(height);
-            assert!((ground(&wearer, height) - below).abs() < 1e-9);
-            assert!((wearer.rest.position.y - height - below).abs() < 1e-9);
+            rig.stand(height);
+            assert!((ground(&rig, height) - below).abs() < 1e-9);
+            assert!((rig.rest.position.y - height - below).abs() < 1e-9);
         }
     }
 

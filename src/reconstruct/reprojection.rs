@@ -10,7 +10,7 @@ use crate::math::view::View;
 /// As `kernels/reconstruct.wgsl` has it.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-pub struct Warp {
+pub struct Reprojection {
     rays: Rays,
     offset: [f32; 4],
     x: [f32; 4],
@@ -18,9 +18,9 @@ pub struct Warp {
     ahead: [f32; 4],
 }
 
-impl Warp {
+impl Reprojection {
     /// From a picture shown at one pose to a view that was traced at another; nothing is moved without one.
-    pub fn new(traced: &View, shown_from: Option<Pose>) -> Warp {
+    pub fn new(traced: &View, shown_from: Option<Pose>) -> Reprojection {
         let shown = View { world_from_eye: shown_from.unwrap_or(traced.world_from_eye), ..*traced };
         let mut shown_rays = rays(&shown, None);
         let axis = (shown.world_from_eye.rotation * DVec3::NEG_Z).as_vec3();
@@ -28,7 +28,7 @@ impl Warp {
         let offset = (shown.world_from_eye.position - traced.world_from_eye.position).as_vec3();
         let [x, y, ahead] = projection(traced).map(|row| row.as_vec3().extend(0.0).to_array());
         let offset = offset.extend(f32::from(u8::from(shown_from.is_some()))).to_array();
-        Warp { rays: shown_rays, offset, x, y, ahead }
+        Reprojection { rays: shown_rays, offset, x, y, ahead }
     }
 }
 
@@ -69,9 +69,9 @@ mod tests {
     fn without_a_pose_nothing_is_moved() {
         let fov = FieldOfView::symmetric(1.0, 1.0);
         let view = View { world_from_eye: Pose::IDENTITY, fov, width: 8, height: 8 };
-        assert_eq!(Warp::new(&view, None).offset, [0.0; 4]);
+        assert_eq!(Reprojection::new(&view, None).offset, [0.0; 4]);
         let moved = Pose { position: DVec3::new(0.1, 0.0, -0.2), ..Pose::IDENTITY };
-        let warp = Warp::new(&view, Some(moved));
+        let warp = Reprojection::new(&view, Some(moved));
         assert_eq!(warp.offset, [0.1, 0.0, -0.2, 1.0]);
         assert_eq!([warp.rays.corner[3], warp.rays.across[3], warp.rays.down[3]], [0.0, 0.0, -1.0]);
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{SceneData, Settings, TracePattern, Tracer, Walks};
+use super::{SceneData, Settings, TracePattern, Tracer, Traversals};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
@@ -31,14 +31,14 @@ pub struct Job {
     /// The pattern's tiles and samples, as parts are cut from them.
     pub workload: Arc<Workload>,
     /// Where the results go.
-    pub landing: Arc<Landing>,
+    pub sample_target: Arc<SampleTarget>,
     /// A device that can may write them there itself: not when others' results are there already, since it
     /// also describes the tiles around its part.
     pub direct: bool,
 }
 
 /// The memory that a view's results end up in, for Vulkan to read.
-pub struct Landing {
+pub struct SampleTarget {
     /// A record for each sample.
     pub samples: Shared<SampleRecord>,
     /// A record for each pixel, where they are asked for.
@@ -47,7 +47,7 @@ pub struct Landing {
 
 /// What a device did with its part.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Done {
+pub struct PartResult {
     /// The part.
     pub part: Part,
     /// The part as it was timed, and milliseconds of device time for pixels and for samples.
@@ -60,19 +60,19 @@ pub struct Done {
     pub rays: u64,
     /// Samples whose estimate was not finite.
     pub dropped: u32,
-    /// Samples to be copied to the landing; none where they were written there.
+    /// Samples to be copied to the sample target; none where they were written there.
     pub samples: Vec<SampleRecord>,
-    /// What the pixels of the part's tiles see, 256 records a tile, to be copied to the landing.
+    /// What the pixels of the part's tiles see, 256 records a tile, to be copied to the sample target.
     pub visibility: Vec<VisibilityRecord>,
 }
 
 /// Something that traces parts of views: a device, or in tests one that misbehaves.
-pub trait Hand: Send {
+pub trait Worker: Send {
     /// Traces a part.
     ///
     /// # Errors
     /// Where the device fails; it is not used again before it was opened anew.
-    fn trace(&mut self, job: &Job, part: &Part) -> Result<Done>;
+    fn trace(&mut self, job: &Job, part: &Part) -> Result<PartResult>;
 
     /// After a failure: the device is gone for good, and its driver may hang when it is told to let go of
     /// what was there.
@@ -82,9 +82,9 @@ pub trait Hand: Send {
 }
 
 /// A device with a scene.
-pub struct DeviceHand {
+pub struct DeviceWorker {
     tracer: Tracer,
-    /// Writes the landing in place.
+    /// Writes the sample target in place.
     direct: bool,
     /// Parts that are timed apart: they tell where the costs are. Graphics cards idle at each part's end.
     slices: u32,
@@ -101,15 +101,15 @@ struct OwnView {
     visibility: Option<Buffer<VisibilityRecord>>,
 }
 
-impl DeviceHand {
+impl DeviceWorker {
     /// A device that has been opened, with its variants of the kernels; `direct` says that it writes landings in place.
     ///
     /// # Errors
     /// Where the device fails its self-test, or the scene does not fit.
-    pub fn new(device: &Device, data: &SceneData, walks: Walks, direct: bool) -> Result<Self> {
+    pub fn new(device: &Device, data: &SceneData, traversals: Traversals, direct: bool) -> Result<Self> {
         let slices = if device.info().kind == "cpu" { 4 } else { 1 };
-        Ok(DeviceHand {
-            tracer: Tracer::open(device, data, walks)?,
+        Ok(DeviceWorker {
+            tracer: Tracer::open(device, data, traversals)?,
             direct,
             slices,
             light: 0,
@@ -120,9 +120,9 @@ impl DeviceHand {
     /// Opens a device anew, as after a failure.
     ///
     /// # Errors
-    /// As [`DeviceHand::new`], and where the driver refuses the device.
-    pub fn reopen(info: &DeviceInfo, data: &SceneData, walks: Walks) -> Result<Self> {
-        Self::new(&Device::open(info)?, data, walks, false)
+    /// As [`DeviceWorker::new`], and where the driver refuses the device.
+    pub fn reopen(info: &DeviceInfo, data: &SceneData, traversals: Traversals) -> Result<Self> {
+        Self::new(&Device::open(info)?, data, traversals, false)
     }
 
     /// Takes in a view's pattern, where it is new.
@@ -137,7 +137,7 @@ impl DeviceHand {
             let (samples, visibility) = slot.take().map_or((None, None), |own| (own.samples, own.visibility));
             *slot = Some(OwnView { pattern, uploaded, samples, visibility });
         }
-        let direct = self.direct && job.direct && job.landing.samples.opencl().is_some();
+        let direct = self.direct && job.direct && job.sample_target.samples.opencl().is_some();
         if let Some(own) = slot.as_mut().filter(|_| !direct) {
             let device = self.tracer.device();
             let (count, pixels) = (job.pattern.samples.len(), job.view.pixels());
@@ -152,19 +152,19 @@ impl DeviceHand {
     }
 }
 
-impl Hand for DeviceHand {
+impl Worker for DeviceWorker {
     fn is_lost(&self) -> bool {
         !self.tracer.device().is_available()
     }
 
-    fn trace(&mut self, job: &Job, part: &Part) -> Result<Done> {
+    fn trace(&mut self, job: &Job, part: &Part) -> Result<PartResult> {
         self.prepare(job)?;
-        let Some(own) = &self.views[job.index] else { return Ok(Done::default()) };
-        let landing = &job.landing;
-        let direct = landing.samples.opencl().filter(|_| self.direct && job.direct);
-        let Some(samples) = direct.or(own.samples.as_ref()) else { return Ok(Done::default()) };
+        let Some(own) = &self.views[job.index] else { return Ok(PartResult::default()) };
+        let sample_target = &job.sample_target;
+        let direct = sample_target.samples.opencl().filter(|_| self.direct && job.direct);
+        let Some(samples) = direct.or(own.samples.as_ref()) else { return Ok(PartResult::default()) };
         let visibility = match direct {
-            Some(_) => landing.visibility.as_ref().and_then(Shared::opencl),
+            Some(_) => sample_target.visibility.as_ref().and_then(Shared::opencl),
             None => own.visibility.as_ref().filter(|_| job.settings.guided),
         };
         let parts = job.workload.slices(part, self.slices);
@@ -184,13 +184,13 @@ impl Hand for DeviceHand {
         samples.release()?;
         visibility.map_or(Ok(()), Buffer::release)?;
         let traced = tracer.finish(work)?;
-        let mut done = Done {
+        let mut done = PartResult {
             part: part.clone(),
             slices: parts.into_iter().zip(traced.parts_ms).collect(),
             rays: traced.rays + if lit.is_empty() { 0 } else { tracer.light_rays()? },
             dropped: traced.dropped,
             light_ms: lit.iter().map(Event::device_ms).sum(),
-            ..Done::default()
+            ..PartResult::default()
         };
         if direct.is_none() {
             let start = Instant::now();
@@ -206,9 +206,9 @@ impl Hand for DeviceHand {
     }
 }
 
-impl Landing {
+impl SampleTarget {
     /// Copies what a device has delivered to its place.
-    pub fn take(&self, job: &Job, done: &Done) {
+    pub fn take(&self, job: &Job, done: &PartResult) {
         self.samples.write(done.part.samples.start as usize, &done.samples);
         let Some(visibility) = &self.visibility else { return };
         let (width, height) = (job.view.width, job.view.height);

@@ -16,7 +16,7 @@ use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::reference::{Ray, Tracer};
 use crate::scene::{Material, Scene};
-use crate::trace::Walk;
+use crate::trace::Traversal;
 use crate::trace::probe::{Probe, RayKind};
 
 /// Every variant is timed so many times, unless one is beyond hope before.
@@ -37,7 +37,7 @@ const AT_EDGES: usize = 2;
 #[serde(deny_unknown_fields)]
 pub struct Times {
     /// The variant.
-    pub walk: Walk,
+    pub traversal: Traversal,
     /// Milliseconds of a camera ray through every pixel.
     pub pixels_ms: f64,
     /// Milliseconds of 32 light rays from what each sample sees.
@@ -49,7 +49,7 @@ pub struct Times {
 #[serde(deny_unknown_fields)]
 pub struct Refusal {
     /// The variant.
-    pub walk: Walk,
+    pub traversal: Traversal,
     /// What went wrong, as the end of a sentence.
     pub reason: String,
 }
@@ -68,7 +68,7 @@ pub struct Findings {
 ///
 /// # Errors
 /// Where the device fails in a way that is no single variant's.
-pub fn examine(device: &Device, walks: &[Walk]) -> Result<Findings> {
+pub fn examine(device: &Device, traversals: &[Traversal]) -> Result<Findings> {
     let shape = landscape();
     let tree = WideBvh::build(&shape.mesh.positions, &shape.mesh.triangles);
     let view = View {
@@ -82,11 +82,11 @@ pub fn examine(device: &Device, walks: &[Walk]) -> Result<Findings> {
     let mut findings = Findings::default();
     let mut probes: Vec<Probe> = Vec::new();
     let mut work: Option<Workload> = None;
-    for &walk in walks {
+    for &traversal in traversals {
         let tried = (|| -> Result<(Probe, Workload)> {
-            stage(&format!("building its kernels' variant {}", walk.name()));
-            let mut probe = Probe::new(device, &shape, &tree, walk)?;
-            stage(&format!("tracing by the variant {}", walk.name()));
+            stage(&format!("building its kernels' variant {}", traversal.name()));
+            let mut probe = Probe::new(device, &shape, &tree, traversal)?;
+            stage(&format!("tracing by the variant {}", traversal.name()));
             let own = Workload::new(&mut probe, &shape, &tree, view, pattern.clone())?;
             judge(device, &probe.hits(RayKind::Samples)?, &truth)?;
             // All trace the same rays: those that leave what the first one saw.
@@ -102,7 +102,7 @@ pub fn examine(device: &Device, walks: &[Walk]) -> Result<Findings> {
                 probes.push(probe);
                 work.get_or_insert(own);
             }
-            Err(error) => findings.refused.push(Refusal { walk, reason: error.to_string() }),
+            Err(error) => findings.refused.push(Refusal { traversal, reason: error.to_string() }),
         }
     }
     stage("timing its kernels' variants");
@@ -112,7 +112,7 @@ pub fn examine(device: &Device, walks: &[Walk]) -> Result<Findings> {
     let whole = |ms: f64| (ms * 1e3).round().max(1.0) / 1e3;
     let times = probes.iter().zip(pixels.into_iter().zip(bundles));
     findings.times.extend(times.map(|(probe, (pixels, bundles))| Times {
-        walk: probe.walk(),
+        traversal: probe.traversal(),
         pixels_ms: whole(pixels),
         bundles_ms: whole(bundles),
     }));
