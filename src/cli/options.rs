@@ -52,6 +52,13 @@ pub struct ConfigOptions {
     /// The variant of the file's materials, by name or by number from 0.
     #[arg(long, value_name = "NAME|N", help_heading = "Scene")]
     variant: Option<String>,
+    /// The animations that play: auto (each that moves nothing which an earlier one moves), all, none, or one by name or
+    /// by number from 0.
+    #[arg(long, value_name = "NAME|N|all|none", help_heading = "Scene")]
+    animation: Option<String>,
+    /// Seconds for which animations have played; 0 by default.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, help_heading = "Scene")]
+    time: Option<f64>,
     /// Metres that a unit of the file is, such as 0.01 for one in centimetres.
     #[arg(long, value_name = "METRES", help_heading = "Scene")]
     scale: Option<f64>,
@@ -80,6 +87,8 @@ impl ConfigOptions {
             ("--camera", "scene.camera", text(&self.camera)),
             ("--scene", "scene.name", text(&self.scene_name)),
             ("--variant", "scene.variant", text(&self.variant)),
+            ("--animation", "scene.animation", text(&self.animation)),
+            ("--time", "scene.time", self.time.map(toml::Value::Float)),
             ("--scale", "scene.scale", self.scale.map(toml::Value::Float)),
         ];
         for (flag, key, value) in flags {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::range;
 use crate::error::Result;
+use crate::scene::animation::Choice;
 use crate::scene::{LoadOptions, Progress};
 
 /// A choice among what a scene's file holds; `foveate scene info` lists it. Empty names leave it to the file.
@@ -18,17 +19,31 @@ pub struct SceneConfig {
     pub variant: String,
     /// Metres that a unit of the file is.
     pub scale: f64,
+    /// The animations that play: "auto" (each that moves nothing which an earlier one moves), "all", "none", or one by
+    /// name or by number from 0.
+    pub animation: String,
+    /// Seconds for which they have played: in a picture; in the first frame where they play on.
+    pub time: f64,
 }
 
 impl Default for SceneConfig {
     fn default() -> Self {
-        SceneConfig { name: String::new(), camera: String::new(), variant: String::new(), scale: 1.0 }
+        let empty = String::new;
+        SceneConfig {
+            name: empty(),
+            camera: empty(),
+            variant: empty(),
+            scale: 1.0,
+            animation: "auto".into(),
+            time: 0.0,
+        }
     }
 }
 
 impl SceneConfig {
     pub(super) fn check(&self) -> Result<()> {
-        range("scene.scale", self.scale, 1e-9, 1e9)
+        range("scene.scale", self.scale, 1e-9, 1e9)?;
+        range("scene.time", self.time, -1e9, 1e9)
     }
 
     /// How a file is loaded with these choices; `progress` is told how far that is.
@@ -39,6 +54,8 @@ impl SceneConfig {
             camera: given(&self.camera),
             variant: given(&self.variant),
             scale: self.scale,
+            animation: Choice::new(&self.animation),
+            time: self.time,
             progress,
             ..LoadOptions::default()
         }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
+use super::animation::ClipInfo;
 use super::{Environment, Features, LeftOut, LightKind, Scene};
 
 /// A summary of a scene under an environment.
@@ -28,6 +29,8 @@ pub struct SceneInfo {
     pub features: Features,
     /// The file's cameras.
     pub cameras: Vec<CameraInfo>,
+    /// The file's animations.
+    pub animations: Vec<ClipInfo>,
     /// Names of the file's scenes.
     pub scenes: Vec<String>,
     /// Names of the file's variants of materials.
@@ -107,6 +110,7 @@ pub fn summarise(scene: &Scene, environment: &Environment) -> SceneInfo {
         bounds: scene.mesh.bounds().map(|(low, high)| Bounds { min: world(low), max: world(high) }),
         features: Features::required_by(scene, environment),
         cameras: cameras.collect(),
+        animations: scene.animations.clone(),
         scenes: scene.scenes.clone(),
         variants: scene.variants.clone(),
         lights,

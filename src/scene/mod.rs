@@ -1,9 +1,10 @@
-//! A static scene on the host: what a glTF file says, flattened to one list of triangles.
+//! A scene on the host: what a glTF file says, flattened to one list of triangles.
 //!
 //! Everything is in metres, right-handed, +Y up. Positions are stored in `f32` relative to
 //! [`Scene::anchor`], which is kept in `f64`: transforms are composed in `f64` first, so a scene
 //! far from the origin loses nothing.
 
+pub mod animation;
 pub mod budget;
 pub mod emitters;
 pub mod environment;
@@ -60,6 +61,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// The camera that views start from, if one was asked for.
     pub camera: Option<usize>,
+    /// The file's animations.
+    pub animations: Vec<animation::ClipInfo>,
     /// Names of the file's scenes, which may be empty; one of them is this.
     pub scenes: Vec<String>,
     /// Names of the file's variants of materials (KHR_materials_variants).

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::animation::Choice;
 use super::budget::Budget;
 
 /// What a caller may want of a scene's file.
@@ -13,6 +14,10 @@ pub struct LoadOptions {
     pub camera: Option<String>,
     /// The variant of its materials, by name or by number from 0 (KHR_materials_variants).
     pub variant: Option<String>,
+    /// The animations that play; none by default.
+    pub animation: Choice,
+    /// Seconds for which they have played.
+    pub time: f64,
     /// Metres that a unit of the file is.
     pub scale: f64,
     /// Memory that it may take.
@@ -25,7 +30,17 @@ impl Default for LoadOptions {
     /// For the machine's free memory.
     fn default() -> Self {
         let (budget, progress) = (Budget::of_machine(), Progress::default());
-        LoadOptions { scene: None, camera: None, variant: None, scale: 1.0, budget, progress }
+        let (animation, time) = (Choice::None, 0.0);
+        LoadOptions {
+            scene: None,
+            camera: None,
+            variant: None,
+            animation,
+            time,
+            scale: 1.0,
+            budget,
+            progress,
+        }
     }
 }
 

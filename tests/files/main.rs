@@ -1,5 +1,6 @@
 //! Files as people have them: with a fault that need not matter, in other formats, or larger than memory.
 
+mod animations;
 mod budget;
 #[path = "../common/mod.rs"]
 mod common;

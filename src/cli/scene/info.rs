@@ -92,6 +92,13 @@ impl Info {
             };
             line("camera", format!("{i} {:?} at {:.3?}, {what}", camera.name, camera.position));
         }
+        for (i, clip) in scene.animations.iter().enumerate() {
+            let plays = if clip.plays { "" } else { ", not played" };
+            line(
+                "animation",
+                format!("{i} {:?}, {:.3} s, {} channels{plays}", clip.name, clip.seconds, clip.channels),
+            );
+        }
         // One scene is no choice.
         for (kind, names) in [("scene", &scene.scenes), ("variant", &scene.variants)] {
             for (i, name) in names.iter().enumerate().filter(|_| kind == "variant" || names.len() > 1) {

@@ -1,11 +1,13 @@
-//! The parts of a glTF document that a static scene needs, as the file says them.
+//! The parts of a glTF document that a scene needs, as the file says them.
 //!
 //! These types are our own for four reasons: integers may be written as `1.0` (glTF 2.0, 2.6 "JSON
 //! encoding"), indices must not be truncated, KHR_texture_transform belongs to normal and occlusion
-//! textures too, and what is not read (animations, extras) must not be able to make a scene unreadable.
+//! textures too, and what is not read (extras) or can be done without (animations) must not be able to make a
+//! scene unreadable.
 //! Fields have the specification's names, meanings and units. Nothing here is checked beyond its type:
 //! see [`super::check`].
 
+mod animations;
 mod extensions;
 
 use std::collections::BTreeMap;
@@ -14,6 +16,7 @@ use std::fmt;
 use serde::Deserialize as Derive;
 use serde::de::{self, Deserialize, Deserializer};
 
+pub use self::animations::{Animation, Channel, Keys};
 use self::extensions::lenient;
 pub use self::extensions::{
     Draco, Instances, MadeImage, Meshopt, PrimitiveExtensions, TextureExtensions, VariantNames,
@@ -64,6 +67,8 @@ pub struct Document {
     pub extensions_required: Vec<String>,
     #[serde(default)]
     pub accessors: Vec<Accessor>,
+    #[serde(default, deserialize_with = "animations::each")]
+    pub animations: Vec<Option<Animation>>,
     #[serde(default)]
     pub buffers: Vec<Buffer>,
     #[serde(default)]

@@ -2,7 +2,8 @@
 //!
 //! A file passes through the rooms below in this order: its bytes are split and parsed (`container`,
 //! `json`), all references are checked (`check`), buffers are read from the scene's folder (`source`,
-//! `buffers`), nodes are composed (`nodes`) and say what is shown (`placements`, `placed`). Images are
+//! `buffers`), nodes are composed as animations (`animations`) put them (`nodes`) and say what is shown
+//! (`placements`, `placed`). Images are
 //! then decoded (`images`) while geometry is read (`shape`, `reader`, `accessor`, `triangulate`, `skin`).
 //! With both known, materials are reduced to what matters (`materials`, `extensions`), the attributes that are left
 //! are read or made (`surface`, `tangents`), and all instances become one mesh (`flatten`, `vectors`).
@@ -10,6 +11,7 @@
 //! Nothing that a file claims is believed: indices, ranges and counts are checked before use.
 
 mod accessor;
+mod animations;
 mod buffers;
 mod check;
 mod compressed;
@@ -49,6 +51,7 @@ use self::nodes::Nodes;
 use self::placements::{Placement, placements};
 use self::shape::Shape;
 use self::surface::Surface;
+use super::animation::{Clip, ClipInfo, choose};
 use super::options::by_name;
 use super::source::{self, Folder};
 use super::texture::mip_levels;
@@ -115,7 +118,9 @@ pub(super) fn from_document(
     let budget = &options.budget;
     let mut buffers = Buffers::load(document, bin, folder, budget)?;
     buffers.take_views(compressed::views(document, &buffers, budget)?);
-    let nodes = Nodes::new(document, chosen_scene(document, options)?, options.scale)?;
+    let mut clips = animations::clips(document, &buffers, budget, &mut warnings)?;
+    let (told, playing) = playing(&mut clips, options)?;
+    let nodes = Nodes::new(document, chosen_scene(document, options)?, options.scale, playing, options.time)?;
     let placements = placements(document, &buffers, &nodes, budget, &mut warnings)?;
     buffers.take_accessors(compressed::accessors(document, &buffers, &placements)?);
     let buffers = &buffers;
@@ -175,12 +180,26 @@ pub(super) fn from_document(
         lights,
         cameras,
         camera: None,
+        animations: told,
         scenes,
         variants,
         instances,
         left_out: dropped,
         warnings,
     })
+}
+
+/// What is told of each clip, and those that play.
+fn playing(clips: &mut [Clip], options: &LoadOptions) -> Outcome<(Vec<ClipInfo>, Vec<Clip>)> {
+    let chosen = choose(clips, &options.animation)?;
+    let tell = |(index, clip): (usize, &Clip)| ClipInfo {
+        name: clip.name.clone(),
+        seconds: clip.seconds(),
+        channels: clip.channels.len(),
+        plays: chosen.contains(&index),
+    };
+    let told = clips.iter().enumerate().map(tell).collect();
+    Ok((told, chosen.iter().map(|&index| std::mem::take(&mut clips[index])).collect()))
 }
 
 /// Tells what was left out, and how many primitives lack coordinates.

@@ -4,11 +4,12 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use super::Outcome;
 use super::json::{Document, Node};
+use crate::scene::animation::{Clip, Local, Pose, Skeleton};
 
 /// The hierarchy, flattened.
 pub struct Nodes {
-    /// `world_from_node` of every node of the file, in the scene or not (a joint may be elsewhere).
-    pub world: Vec<DMat4>,
+    /// Where every node of the file is at the instant that is shown, in the scene or not (a joint may be elsewhere).
+    pub pose: Pose,
     /// The nodes of the scene to show, parents before children.
     pub shown: Vec<usize>,
 }
@@ -16,8 +17,9 @@ pub struct Nodes {
 impl Nodes {
     /// Composes all transforms. Refuses cycles and nodes with two parents, which glTF forbids.
     ///
-    /// `scene` is the index of the scene to show, if the file has any; `scale` enlarges all of it.
-    pub fn new(document: &Document, scene: usize, scale: f64) -> Outcome<Self> {
+    /// `scene` is the index of the scene to show, if the file has any; `scale` enlarges all of it. `clips` have
+    /// played for `time` seconds.
+    pub fn new(document: &Document, scene: usize, scale: f64, clips: Vec<Clip>, time: f64) -> Outcome<Self> {
         let nodes = &document.nodes;
         let parents = parents(nodes)?;
         let roots: Vec<usize> = (0..nodes.len()).filter(|&node| parents[node].is_none()).collect();
@@ -25,12 +27,7 @@ impl Nodes {
         if order.len() < nodes.len() {
             return Err("its nodes form a cycle; export it again".into());
         }
-        let mut world = vec![DMat4::IDENTITY; nodes.len()];
-        for &node in &order {
-            let local = local(&nodes[node]);
-            let root = || DMat4::from_scale(DVec3::splat(scale)) * local;
-            world[node] = parents[node].map_or_else(root, |parent| world[parent] * local);
-        }
+        let skeleton = Skeleton::new(parents, order, nodes.iter().map(local).collect(), scale, clips);
         let visible = |node: &Node| {
             node.extensions.visibility.as_ref().and_then(|visibility| visibility.visible).unwrap_or(true)
         };
@@ -41,7 +38,7 @@ impl Nodes {
         starts.sort_unstable();
         starts.dedup();
         let shown = descend(nodes, starts, &visible);
-        Ok(Nodes { world, shown })
+        Ok(Nodes { pose: skeleton.pose(time), shown })
     }
 }
 
@@ -76,19 +73,15 @@ fn descend(nodes: &[Node], starts: Vec<usize>, wanted: &dyn Fn(&Node) -> bool) -
     order
 }
 
-fn local(node: &Node) -> DMat4 {
-    if let Some(matrix) = &node.matrix {
-        return DMat4::from_cols_array(matrix);
+fn local(node: &Node) -> Local {
+    match &node.matrix {
+        Some(matrix) => Local::Matrix(DMat4::from_cols_array(matrix)),
+        None => Local::Parts {
+            translation: DVec3::from_array(node.translation.unwrap_or([0.0; 3])),
+            rotation: DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0])),
+            scale: DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
+        },
     }
-    let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
-    let length = rotation.length();
-    let rotation =
-        if length > 0.0 && length.is_finite() { rotation * (1.0 / length) } else { DQuat::IDENTITY };
-    DMat4::from_scale_rotation_translation(
-        DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
-        rotation,
-        DVec3::from_array(node.translation.unwrap_or([0.0; 3])),
-    )
 }
 
 /// The orientation of a node whose axes may be scaled, mirrored or sheared: -Z and, as far as

@@ -15,7 +15,7 @@ pub fn cameras(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>) -
     let placed = nodes.shown.iter().filter_map(|&node| Some((node, document.nodes[node].camera?.0)));
     placed
         .filter_map(|(node, index)| {
-            let (camera, world) = (&document.cameras[index], &nodes.world[node]);
+            let (camera, world) = (&document.cameras[index], &nodes.pose.world[node]);
             if !world.is_finite() {
                 warnings.push(format!("camera {index} has no finite position and was left out"));
                 return None;
@@ -50,7 +50,7 @@ pub fn lights(
         .filter_map(|&node| Some((node, document.nodes[node].extensions.light.as_ref()?.light.0)));
     let mut lights = Vec::new();
     for (node, index) in placed {
-        let light = place(&list.lights[index], index, &nodes.world[node], anchor)?;
+        let light = place(&list.lights[index], index, &nodes.pose.world[node], anchor)?;
         if !light.position.is_finite() {
             warnings.push(format!("light {index} has no finite position and was left out"));
         } else if light.intensity != Vec3::ZERO {

@@ -59,7 +59,9 @@ pub fn placements(
                 continue;
             }
             let skin = node.skin.filter(|_| is_skinned(primitive)).map(|skin| skin.0);
-            let weights_of = node.weights.as_ref().filter(|_| !primitive.targets.is_empty()).map(|_| index);
+            let moved = nodes.pose.weights.get(&index);
+            let own = moved.or(node.weights.as_ref()).filter(|_| !primitive.targets.is_empty());
+            let weights_of = own.map(|_| index);
             let key = (mesh.0, i, skin, weights_of);
             match known.get(&key) {
                 // A skin places its vertices in the world by itself, so that a second node adds nothing.
@@ -67,7 +69,7 @@ pub fn placements(
                 Some(_) => {}
                 None => {
                     known.insert(key, list.len());
-                    let weights = node.weights.as_ref().unwrap_or(&document.meshes[mesh.0].weights).clone();
+                    let weights = own.unwrap_or(&document.meshes[mesh.0].weights).clone();
                     let transforms = worlds.clone();
                     list.push(Placement { mesh: mesh.0, primitive: i, skin, weights, transforms });
                 }
@@ -87,7 +89,7 @@ pub fn placements(
 
 /// `world_from_mesh` of all instances that a node shows.
 fn worlds(document: &Document, buffers: &Buffers<'_>, nodes: &Nodes, node: usize) -> Outcome<Vec<DMat4>> {
-    let world = nodes.world[node];
+    let world = nodes.pose.world[node];
     let Some(instances) = &document.nodes[node].extensions.instances else { return Ok(vec![world]) };
     let places = instances::transforms(document, buffers, node, instances)?;
     Ok(places.into_iter().map(|place| world * place).collect())

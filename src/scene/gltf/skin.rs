@@ -1,4 +1,4 @@
-//! Skins in their rest pose.
+//! Skins at the instant that is shown.
 
 use glam::DMat4;
 
@@ -40,7 +40,7 @@ impl Skin {
             None => DMat4::IDENTITY,
         };
         let matrices =
-            skin.joints.iter().enumerate().map(|(i, node)| nodes.world[node.0] * bind(i)).collect();
+            skin.joints.iter().enumerate().map(|(i, node)| nodes.pose.world[node.0] * bind(i)).collect();
         Ok(Skin { matrices })
     }
 }

@@ -15,8 +15,9 @@ const NESTED: u64 = 8;
 const PLACED: usize = 384;
 
 /// Bytes for each list of the document's root that has a type here.
-const ELEMENTS: [(&str, usize); 10] = [
+const ELEMENTS: [(&str, usize); 11] = [
     ("accessors", size_of::<json::Accessor>()),
+    ("animations", size_of::<json::Animation>()),
     ("bufferViews", size_of::<json::BufferView>()),
     ("buffers", size_of::<json::Buffer>()),
     ("images", size_of::<json::Image>()),

@@ -1,0 +1,11 @@
+//! What moves in a scene: curves over time, clips of them, and the nodes that they turn.
+//!
+//! Everything is evaluated in `f64`; times are seconds from a clip's beginning, angles are in quaternions.
+
+mod clip;
+mod curve;
+mod skeleton;
+
+pub use clip::{Channel, Choice, Clip, ClipInfo, Property, choose};
+pub use curve::{Curve, Interpolation};
+pub use skeleton::{Local, Pose, Skeleton};

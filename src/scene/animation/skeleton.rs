@@ -1,0 +1,161 @@
+//! A hierarchy of nodes and where its curves put them.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat4, DQuat, DVec3};
+
+use super::curve::unit;
+use super::{Clip, Property};
+
+/// A node relative to its parent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Local {
+    /// By a matrix, which curves leave alone.
+    Matrix(DMat4),
+    /// By parts, scaled first and translated last.
+    Parts {
+        /// In the parent's units.
+        translation: DVec3,
+        /// Of any length; without one it turns nothing.
+        rotation: DQuat,
+        /// For each axis.
+        scale: DVec3,
+    },
+}
+
+impl Local {
+    /// `parent_from_node`.
+    pub fn matrix(&self) -> DMat4 {
+        match *self {
+            Local::Matrix(matrix) => matrix,
+            Local::Parts { translation, rotation, scale } => {
+                DMat4::from_scale_rotation_translation(scale, unit(rotation), translation)
+            }
+        }
+    }
+}
+
+/// All nodes of a file at rest, and the clips that move them.
+#[derive(Clone, Debug, Default)]
+pub struct Skeleton {
+    parents: Vec<Option<usize>>,
+    /// All nodes, parents before children.
+    order: Vec<usize>,
+    rest: Vec<Local>,
+    /// Metres that a unit of the file is.
+    scale: f64,
+    clips: Vec<Clip>,
+}
+
+/// Where all nodes are at one instant.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// `world_from_node` of every node, in metres.
+    pub world: Vec<DMat4>,
+    /// Weights of morph targets, of the nodes whose weights move.
+    pub weights: BTreeMap<usize, Vec<f64>>,
+}
+
+impl Skeleton {
+    /// `order` holds each node once, parents before children; clips move nodes that are there.
+    pub fn new(
+        parents: Vec<Option<usize>>,
+        order: Vec<usize>,
+        rest: Vec<Local>,
+        scale: f64,
+        clips: Vec<Clip>,
+    ) -> Self {
+        Skeleton { parents, order, rest, scale, clips }
+    }
+
+    /// Where everything is at a time, in seconds since its clips began to play; each loops by itself.
+    pub fn pose(&self, time: f64) -> Pose {
+        let (mut locals, mut weights) = (self.rest.clone(), BTreeMap::new());
+        for clip in &self.clips {
+            let time = clip.looped(time);
+            for channel in &clip.channels {
+                let mut vector = [0.0; 3];
+                let curve = &channel.curve;
+                match (&mut locals[channel.node], channel.property) {
+                    (_, Property::Weights) => {
+                        let mut values = vec![0.0; curve.width()];
+                        curve.sample(time, &mut values);
+                        weights.insert(channel.node, values);
+                    }
+                    (Local::Matrix(_), _) => {}
+                    (Local::Parts { rotation, .. }, Property::Rotation) => *rotation = curve.rotation(time),
+                    (Local::Parts { translation, .. }, Property::Translation) => {
+                        curve.sample(time, &mut vector);
+                        *translation = vector.into();
+                    }
+                    (Local::Parts { scale, .. }, Property::Scale) => {
+                        curve.sample(time, &mut vector);
+                        *scale = vector.into();
+                    }
+                }
+            }
+        }
+        let mut world = vec![DMat4::IDENTITY; self.rest.len()];
+        for &node in &self.order {
+            let root = || DMat4::from_scale(DVec3::splat(self.scale));
+            world[node] =
+                self.parents[node].map_or_else(root, |parent| world[parent]) * locals[node].matrix();
+        }
+        Pose { world, weights }
+    }
+
+    /// Which nodes move: those that clips move, and all below them.
+    pub fn moving(&self) -> Vec<bool> {
+        let mut moving = vec![false; self.rest.len()];
+        for channel in self.clips.iter().flat_map(|clip| &clip.channels) {
+            moving[channel.node] |= channel.property != Property::Weights;
+        }
+        for &node in &self.order {
+            moving[node] |= self.parents[node].is_some_and(|parent| moving[parent]);
+        }
+        moving
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::animation::{Channel, Curve, Interpolation};
+
+    fn parts(translation: DVec3) -> Local {
+        Local::Parts { translation, rotation: DQuat::IDENTITY, scale: DVec3::ONE }
+    }
+
+    fn channel(node: usize, property: Property, values: &[f32], width: usize) -> Channel {
+        let curve = Curve::new(vec![0.0, 1.0], values.to_vec(), width, Interpolation::Linear).unwrap();
+        Channel { node, property, curve }
+    }
+
+    #[test]
+    fn curves_replace_parts_and_children_follow() {
+        let quarter = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2).to_array().map(|v| v as f32);
+        let turn = [DQuat::IDENTITY.to_array().map(|v| v as f32), quarter].concat();
+        let clip = Clip {
+            name: String::new(),
+            channels: vec![
+                channel(1, Property::Rotation, &turn, 4),
+                channel(0, Property::Weights, &[0.0, 1.0, 1.0, 3.0], 2),
+            ],
+        };
+        // 1 is the parent of 2; 0 stands alone.
+        let skeleton = Skeleton::new(
+            vec![None, None, Some(1)],
+            vec![0, 1, 2],
+            vec![parts(DVec3::X), parts(DVec3::Y), parts(DVec3::X)],
+            2.0,
+            vec![clip],
+        );
+        assert_eq!(skeleton.moving(), [false, true, true]);
+        let pose = skeleton.pose(1.0);
+        let origin = |node: usize| pose.world[node].transform_point3(DVec3::ZERO);
+        assert!((origin(0) - DVec3::new(2.0, 0.0, 0.0)).length() < 1e-9);
+        assert!((origin(2) - DVec3::new(0.0, 4.0, 0.0)).length() < 1e-6, "{}", origin(2));
+        assert_eq!(pose.weights, BTreeMap::from([(0, vec![1.0, 3.0])]));
+        assert_eq!(skeleton.pose(0.5).weights[&0], [0.5, 2.0]);
+    }
+}

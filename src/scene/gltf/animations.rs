@@ -1,0 +1,129 @@
+//! A file's animations as clips: what cannot be played is left out with a sentence.
+
+use super::accessor::{Accessor, Component};
+use super::buffers::Buffers;
+use super::json::{Animation, Document, Keys};
+use super::{Outcome, json};
+use crate::scene::animation::{Channel, Clip, Curve, Interpolation, Property};
+use crate::scene::budget::Budget;
+
+/// Every animation of the file, also those without anything to play.
+pub fn clips(
+    document: &Document,
+    buffers: &Buffers<'_>,
+    budget: &Budget,
+    warnings: &mut Vec<String>,
+) -> Outcome<Vec<Clip>> {
+    let mut clips = Vec::with_capacity(document.animations.len());
+    for (index, animation) in document.animations.iter().enumerate() {
+        let Some(animation) = animation else {
+            warnings.push(format!("animation {index} is malformed and does nothing; export the scene again"));
+            clips.push(Clip::default());
+            continue;
+        };
+        let name = animation.name.clone().unwrap_or_default();
+        budget.plan_bytes(bytes(document, animation))?;
+        let reader = Reader { document, buffers, animation };
+        let (mut channels, mut faults) = (Vec::new(), Vec::new());
+        for (number, channel) in animation.channels.iter().enumerate() {
+            match reader.channel(channel.as_ref()) {
+                Ok(channel) => channels.extend(channel),
+                Err(problem) => faults.push(format!("channel {number} {problem}")),
+            }
+        }
+        if let Some(first) = faults.first() {
+            let more =
+                if faults.len() > 1 { format!(", and {} more", faults.len() - 1) } else { String::new() };
+            warnings.push(format!(
+                "animation {index} {name:?} plays without what is wrong with it: {first}{more}; export the scene again"
+            ));
+        }
+        clips.push(Clip { name, channels });
+    }
+    Ok(clips)
+}
+
+/// Bytes of all keys.
+fn bytes(document: &Document, animation: &Animation) -> u64 {
+    let size = |accessor: json::Int| {
+        let accessor = document.accessors.get(accessor.0)?;
+        Some((accessor.count.0 as u64).saturating_mul(4 * super::accessor::width(&accessor.kind)? as u64))
+    };
+    let keys = |channel: &json::Channel| {
+        let keys = animation.samplers.get(channel.sampler.0)?.as_ref()?;
+        Some(size(keys.input)?.saturating_add(size(keys.output)?))
+    };
+    animation.channels.iter().flatten().filter_map(keys).fold(0, u64::saturating_add)
+}
+
+struct Reader<'a> {
+    document: &'a Document,
+    buffers: &'a Buffers<'a>,
+    animation: &'a Animation,
+}
+
+impl Reader<'_> {
+    /// A channel, if it moves anything; else a clause about what is wrong with it.
+    fn channel(&self, channel: Option<&json::Channel>) -> Outcome<Option<Channel>> {
+        let channel = channel.ok_or("is malformed")?;
+        let property = match channel.target.path.as_str() {
+            "translation" => Property::Translation,
+            "rotation" => Property::Rotation,
+            "scale" => Property::Scale,
+            "weights" => Property::Weights,
+            other => return Err(format!("moves {other:?}, which is not played")),
+        };
+        // Without a node it is for an extension, and to be ignored (glTF 2.0, 5.6 "animation.channel.target").
+        let Some(node) = channel.target.node.map(|node| node.0) else { return Ok(None) };
+        let there =
+            self.document.nodes.get(node).ok_or_else(|| format!("moves node {node}, which is not there"))?;
+        if there.matrix.is_some() && property != Property::Weights {
+            return Err(format!("moves node {node}, which has a matrix"));
+        }
+        let width = match property {
+            Property::Translation | Property::Scale => 3,
+            Property::Rotation => 4,
+            Property::Weights => self.targets(node)?,
+        };
+        let keys = self.animation.samplers.get(channel.sampler.0).and_then(Option::as_ref);
+        let keys = keys.ok_or_else(|| format!("has no sampler {}", channel.sampler.0))?;
+        Ok(Some(Channel { node, property, curve: self.curve(keys, width, property)? }))
+    }
+
+    /// Morph targets of a node's mesh.
+    fn targets(&self, node: usize) -> Outcome<usize> {
+        let mesh = self.document.nodes[node].mesh;
+        let primitives = mesh.iter().flat_map(|mesh| &self.document.meshes[mesh.0].primitives);
+        let most = primitives.map(|primitive| primitive.targets.len()).max().unwrap_or(0);
+        if most == 0 { Err(format!("moves the weights of node {node}, which has none")) } else { Ok(most) }
+    }
+
+    fn curve(&self, keys: &Keys, width: usize, property: Property) -> Outcome<Curve> {
+        let interpolation = match keys.interpolation.as_deref() {
+            None | Some("LINEAR") => Interpolation::Linear,
+            Some("STEP") => Interpolation::Step,
+            Some("CUBICSPLINE") => Interpolation::Cubic,
+            Some(other) => return Err(format!("has the unknown interpolation {other:?}")),
+        };
+        let times = self.numbers(keys.input, &[1], &[Component::F32])?;
+        let parts = [Component::F32, Component::I8, Component::U8, Component::I16, Component::U16];
+        let widths = if property == Property::Weights { 1 } else { width };
+        let values = self.numbers(keys.output, &[widths], &parts)?;
+        Curve::new(times, values, width, interpolation)
+    }
+
+    /// All numbers of an accessor; integers are fractions (glTF 2.0, 3.11 "Animations").
+    fn numbers(&self, accessor: json::Int, widths: &[usize], parts: &[Component]) -> Outcome<Vec<f32>> {
+        if accessor.0 >= self.document.accessors.len() {
+            return Err(format!("has keys in accessor {}, which is not there", accessor.0));
+        }
+        let read = Accessor::new(self.document, self.buffers, accessor.0)
+            .and_then(|accessor| accessor.expect("keys of an animation", widths, parts));
+        let read = read.map_err(|problem| {
+            let cause = problem.trim_end_matches("; export the scene again").to_string();
+            format!("has keys that cannot be read ({cause})")
+        })?;
+        let read = read.always_normalized();
+        Ok((0..read.count).flat_map(|i| read.get::<4>(i).into_iter().take(read.width)).collect())
+    }
+}

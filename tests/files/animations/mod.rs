@@ -1,0 +1,339 @@
+//! Animations, skins and morph targets: where they put every vertex, and what is wrong with some.
+
+mod oracle;
+
+use std::path::Path;
+
+use base64::Engine;
+use foveate::scene::animation::Choice;
+use foveate::scene::{LoadOptions, Scene};
+use glam::{DMat4, DQuat, DVec3};
+use serde_json::{Value, json};
+
+use crate::common::{self, builder::Builder, builder::I16, builder::U8};
+
+pub const TRIANGLE: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+
+fn at(path: &Path, animation: &str, time: f64) -> foveate::Result<Scene> {
+    Scene::load_with(path, &LoadOptions { animation: Choice::new(animation), time, ..LoadOptions::default() })
+}
+
+fn load_at(builder: &Builder, animation: &str, time: f64) -> foveate::Result<Scene> {
+    let folder = tempfile::tempdir().unwrap();
+    at(&builder.write_glb(folder.path()), animation, time)
+}
+
+fn corners(scene: &Scene) -> Vec<DVec3> {
+    let world = |&i: &u32| scene.anchor + scene.mesh.positions[i as usize].as_dvec3();
+    scene.mesh.triangles.iter().flatten().map(world).collect()
+}
+
+/// The first corner of the first triangle.
+fn first(builder: &Builder, animation: &str, time: f64) -> DVec3 {
+    corners(&load_at(builder, animation, time).unwrap())[0]
+}
+
+/// The farthest that a point of one list lies from the nearest of the other, both ways.
+fn difference(a: &[DVec3], b: &[DVec3]) -> f64 {
+    assert!(!a.is_empty() && a.len() == b.len(), "{} {}", a.len(), b.len());
+    let one_way = |from: &[DVec3], to: &[DVec3]| {
+        let mut sorted = to.to_vec();
+        sorted.sort_by(|p, q| p.x.total_cmp(&q.x));
+        let nearest = |p: &DVec3| {
+            const REACH: f64 = 0.05;
+            let start = sorted.partition_point(|q| q.x < p.x - REACH);
+            let near = sorted[start..].iter().take_while(|q| q.x <= p.x + REACH);
+            near.map(|q| q.distance(*p)).fold(f64::INFINITY, f64::min)
+        };
+        from.iter().map(nearest).fold(0.0, f64::max)
+    };
+    one_way(a, b).max(one_way(b, a))
+}
+
+/// Compares a file with what the gltf crate reads of it, at many times; all within 1e-5 of the scene's size.
+fn check(path: &Path, times: &[f64]) {
+    let file = gltf::Gltf::from_slice_without_validation(&std::fs::read(path).unwrap()).unwrap();
+    let decode = |uri: &str| {
+        let data = uri
+            .split_once(";base64,")
+            .map(|(_, data)| base64::engine::general_purpose::STANDARD.decode(data));
+        data.unwrap_or_else(|| Ok(std::fs::read(path.with_file_name(uri)).unwrap())).unwrap()
+    };
+    let buffers: Vec<Vec<u8>> = file
+        .buffers()
+        .map(|buffer| match buffer.source() {
+            gltf::buffer::Source::Bin => file.blob.clone().unwrap(),
+            gltf::buffer::Source::Uri(uri) => decode(uri),
+        })
+        .collect();
+    let mut moved = false;
+    let mut before = Vec::new();
+    for &time in times {
+        let should = oracle::corners(&file, &buffers, time);
+        let low = should.iter().copied().reduce(DVec3::min).unwrap();
+        let size = (should.iter().copied().reduce(DVec3::max).unwrap() - low).length();
+        let is = corners(&at(path, "all", time).unwrap());
+        let off = difference(&is, &should);
+        assert!(off < 1e-5 * size, "{} at {time} s: {off} of {size}", path.display());
+        moved |= !before.is_empty() && difference(&before, &should) > 1e-3 * size;
+        before = should;
+    }
+    assert!(moved, "{} stands still", path.display());
+}
+
+#[test]
+fn a_sample_moves_as_the_gltf_crate_says() {
+    let Some(truck) = common::data("scenes/khronos/CesiumMilkTruck/CesiumMilkTruck.glb") else { return };
+    check(&truck, &[0.0, 0.3, 0.77, 1.1, 2.9, -0.4]);
+    let told = Scene::load(&truck).unwrap().animations;
+    assert_eq!((told.len(), told[0].name.as_str(), told[0].channels, told[0].plays), (1, "", 2, false));
+    assert!((told[0].seconds - 1.25).abs() < 1e-4, "{told:?}");
+}
+
+/// A tube along y whose vertices hang on a chain of joints, some of them morphed, moved in all ways there are.
+fn tube() -> Builder {
+    const JOINTS: usize = 8;
+    const RINGS: usize = 33;
+    const SIDES: usize = 12;
+    let mut builder = Builder::new();
+    let (mut positions, mut joints, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut thicker, mut bent) = (Vec::new(), Vec::new());
+    for ring in 0..RINGS {
+        for side in 0..SIDES {
+            let height = ring as f32 / (RINGS - 1) as f32 * JOINTS as f32;
+            let angle = side as f32 / SIDES as f32 * std::f32::consts::TAU;
+            let out = [0.3 * angle.cos(), 0.0, 0.3 * angle.sin()];
+            positions.push([out[0], height, out[2]]);
+            thicker.push(out);
+            bent.push([0.1 * height * height, 0.0, 0.0]);
+            let lower = (height as usize).min(JOINTS - 2);
+            let share = (height - lower as f32).min(1.0);
+            joints.extend([lower as u8, lower as u8 + 1, (lower as u8 + 2) % JOINTS as u8, 0]);
+            weights.push([(1.0 - share) * 0.8, share * 0.8, 0.15, 0.05]);
+        }
+    }
+    let mut indices = Vec::new();
+    for ring in 0..RINGS - 1 {
+        for side in 0..SIDES {
+            let at = |ring: usize, side: usize| (ring * SIDES + side % SIDES) as u16;
+            indices.extend([at(ring, side), at(ring + 1, side), at(ring, side + 1)]);
+            indices.extend([at(ring, side + 1), at(ring + 1, side), at(ring + 1, side + 1)]);
+        }
+    }
+    let bind: Vec<[f32; 16]> = (0..JOINTS)
+        .map(|joint| {
+            DMat4::from_translation(DVec3::new(0.0, -(joint as f64), 0.0)).to_cols_array().map(|v| v as f32)
+        })
+        .collect();
+    let vertices = positions.len();
+    let [positions, thicker, bent] = [positions, thicker, bent].map(|list| builder.floats(&list));
+    let joints = builder.accessor(&joints, U8, "VEC4", vertices);
+    let (weights, bind) = (builder.floats(&weights), builder.floats(&bind));
+    let indices = builder.shorts(&indices);
+    let mesh = builder.push(
+        "meshes",
+        json!({ "weights": [0.2, 0.0], "primitives": [{
+            "attributes": { "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights },
+            "targets": [{ "POSITION": thicker }, { "POSITION": bent }],
+            "indices": indices,
+        }] }),
+    );
+    builder.push("nodes", json!({ "mesh": mesh, "skin": 0, "translation": [50, 60, 70] }));
+    for joint in 0..JOINTS {
+        let children: Vec<usize> = (joint + 1 < JOINTS).then_some(joint + 2).into_iter().collect();
+        let height = if joint == 0 { 0.0 } else { 1.0 };
+        let mut node = json!({ "translation": [0.0, height, 0.0] });
+        if !children.is_empty() {
+            node["children"] = json!(children);
+        }
+        builder.push("nodes", node);
+    }
+    builder.push("skins", json!({ "joints": (1..=JOINTS).collect::<Vec<_>>(), "inverseBindMatrices": bind }));
+    builder.show(0);
+    builder.show(1);
+    builder.json["animations"] = tube_animations(&mut builder);
+    builder
+}
+
+fn tube_animations(builder: &mut Builder) -> Value {
+    let turn = |axis: DVec3, angle: f64| DQuat::from_axis_angle(axis.normalize(), angle);
+    let flat = |q: DQuat| q.to_array().map(|v| v as f32);
+    let short = |q: DQuat| q.to_array().map(|v| (v * 32767.0).round() as i16);
+    let times = builder.floats(&[[0.0], [0.4], [1.0], [1.7]]);
+    let two = builder.floats(&[[0.25], [2.0]]);
+    let swings: Vec<[f32; 4]> =
+        [0.0, 0.5, -0.7, 0.2].map(|angle| flat(turn(DVec3::new(1.0, 0.3, 0.2), angle))).to_vec();
+    let swings = builder.floats(&swings);
+    let shorts: Vec<u8> = [0.3, -0.4, 0.6, 0.1]
+        .iter()
+        .flat_map(|&angle| short(turn(DVec3::Z, angle)))
+        .flat_map(i16::to_le_bytes)
+        .collect();
+    let shorts = builder.accessor(&shorts, I16, "VEC4", 4);
+    builder.json["accessors"][shorts]["normalized"] = json!(true);
+    let splined: Vec<[f32; 4]> = [0.1, -0.8]
+        .iter()
+        .flat_map(|&angle| [[0.2, 0.0, 0.1, -0.1], flat(turn(DVec3::X, angle)), [-0.3, 0.1, 0.0, 0.2]])
+        .collect();
+    let splined = builder.floats(&splined);
+    let moves = builder.floats(&[[0.0, 1.0, 0.0], [0.2, 1.1, 0.0], [0.0, 0.9, 0.3], [0.0, 1.0, 0.0]]);
+    let scales = builder.floats(&[[1.0, 1.0, 1.0], [1.5, 1.0, 0.7]]);
+    let weights = builder.floats(&[[0.0], [0.5], [1.0], [0.0], [0.3], [0.7], [-0.2], [0.1]]);
+    let curves = [
+        (times, swings, "LINEAR", 2, "rotation"),
+        (times, shorts, "LINEAR", 3, "rotation"),
+        (two, splined, "CUBICSPLINE", 4, "rotation"),
+        (times, moves, "LINEAR", 5, "translation"),
+        (two, scales, "STEP", 6, "scale"),
+        (times, weights, "LINEAR", 0, "weights"),
+    ];
+    let samplers: Vec<Value> = curves
+        .iter()
+        .map(|(input, output, kind, ..)| json!({ "input": input, "output": output, "interpolation": kind }))
+        .collect();
+    let channels: Vec<Value> = curves
+        .iter()
+        .enumerate()
+        .map(|(i, (.., node, path))| json!({ "sampler": i, "target": { "node": node, "path": path } }))
+        .collect();
+    json!([{ "name": "Sway", "samplers": samplers, "channels": channels }])
+}
+
+#[test]
+fn skins_and_morph_targets_move_as_the_gltf_crate_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = tube().write_glb(folder.path());
+    check(&path, &[0.0, 0.1, 0.25, 0.39, 0.4, 0.8, 1.3, 1.95, 2.0, 2.6, 7.9, -0.5]);
+}
+
+/// A triangle that an animation moves; `change` may spoil the document.
+pub fn moved(change: impl FnOnce(&mut Builder)) -> Builder {
+    let mut builder = Builder::new();
+    let positions = builder.floats(&TRIANGLE);
+    builder.place(json!({ "attributes": { "POSITION": positions } }), json!({}));
+    let (times, values) = (builder.floats(&[[0.0], [2.0]]), builder.floats(&[[0.0; 3], [4.0, 0.0, 0.0]]));
+    builder.json["animations"] = json!([{
+        "name": "Slide",
+        "samplers": [{ "input": times, "output": values }],
+        "channels": [{ "sampler": 0, "target": { "node": 0, "path": "translation" } }],
+    }]);
+    change(&mut builder);
+    builder
+}
+
+#[test]
+fn the_rest_pose_is_shown_without_an_animation() {
+    let builder = moved(|b| b.json["nodes"][0]["translation"] = json!([9, 0, 0]));
+    assert_eq!(first(&builder, "none", 1.0).x, 9.0);
+    assert_eq!(["auto", "all", "Slide", "0"].map(|name| first(&builder, name, 1.0).x), [2.0; 4]);
+    assert_eq!([0.0, 2.0, 3.0].map(|time| first(&builder, "auto", time).x), [0.0, 4.0, 2.0]);
+    let refusal = load_at(&builder, "Glide", 0.0).unwrap_err().to_string();
+    assert!(refusal.contains("no animation \"Glide\"") && refusal.contains("\"Slide\""), "{refusal}");
+}
+
+/// What one warning says of a spoiled animation; all else is shown as it is.
+fn warning(change: impl FnOnce(&mut Builder)) -> String {
+    let scene = load_at(&moved(change), "all", 1.0).unwrap();
+    assert_eq!(scene.mesh.triangles.len(), 1);
+    assert!(scene.mesh.positions.iter().all(|p| p.is_finite()));
+    assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+    assert!(!scene.warnings[0].contains('\n'));
+    scene.warnings[0].clone()
+}
+
+#[test]
+fn what_is_wrong_with_an_animation_is_told_and_left_out() {
+    let keys = |times: [f32; 2], x: f32| {
+        move |b: &mut Builder| {
+            let input = b.floats(&[[times[0]], [times[1]]]);
+            let output = b.floats(&[[0.0; 3], [x, 0.0, 0.0]]);
+            b.json["animations"][0]["samplers"][0] = json!({ "input": input, "output": output });
+        }
+    };
+    let channel = |value: Value| move |b: &mut Builder| b.json["animations"][0]["channels"][0] = value;
+    let sampler = |value: Value| move |b: &mut Builder| b.json["animations"][0]["samplers"][0] = value;
+    let cases: [(&str, String); 12] = [
+        ("not finite", warning(keys([0.0, f32::NAN], 1.0))),
+        ("not finite", warning(keys([0.0, 1.0], f32::INFINITY))),
+        ("not in the order", warning(keys([1.0, 0.5], 1.0))),
+        (
+            "node 7, which is not there",
+            warning(channel(json!({ "sampler": 0, "target": { "node": 7, "path": "scale" } }))),
+        ),
+        ("no sampler 3", warning(channel(json!({ "sampler": 3, "target": { "node": 0, "path": "scale" } })))),
+        ("is malformed", warning(channel(json!({ "sampler": "first" })))),
+        ("moves \"pointer\"", warning(channel(json!({ "sampler": 0, "target": { "path": "pointer" } })))),
+        (
+            "weights of node 0, which has none",
+            warning(channel(json!({ "sampler": 0, "target": { "node": 0, "path": "weights" } }))),
+        ),
+        ("accessor 99, which is not there", warning(sampler(json!({ "input": 99, "output": 1 })))),
+        (
+            "unknown interpolation \"SMOOTH\"",
+            warning(sampler(json!({ "input": 1, "output": 2, "interpolation": "SMOOTH" }))),
+        ),
+        (
+            "2 keys but 6 numbers",
+            warning(sampler(json!({ "input": 1, "output": 2, "interpolation": "CUBICSPLINE" }))),
+        ),
+        (
+            "which has a matrix",
+            warning(|b| b.json["nodes"][0]["matrix"] = json!(DMat4::IDENTITY.to_cols_array())),
+        ),
+    ];
+    for (part, is) in cases {
+        assert!(is.contains("animation 0 \"Slide\"") && is.contains(part), "{part}: {is}");
+    }
+    let malformed = warning(|b| b.json["animations"][0] = json!(7));
+    assert!(malformed.contains("animation 0 is malformed"), "{malformed}");
+    // Without a node it is for an extension that is not there, and says nothing.
+    let quiet = moved(channel(json!({ "sampler": 0, "target": { "path": "translation" } })));
+    assert!(load_at(&quiet, "all", 1.0).unwrap().warnings.is_empty());
+}
+
+#[test]
+fn animations_without_length_hold_their_one_pose() {
+    let builder = moved(|b| {
+        let (input, output) = (b.floats(&[[0.0]]), b.floats(&[[5.0, 0.0, 0.0]]));
+        b.json["animations"][0]["samplers"][0] = json!({ "input": input, "output": output });
+    });
+    assert_eq!([0.0, 0.5, 9.0].map(|time| first(&builder, "auto", time).x), [5.0; 3]);
+}
+
+#[test]
+fn a_million_keys_are_read_and_more_than_memory_holds_are_refused() {
+    let many = |count: usize| {
+        moved(|b| {
+            // Accessors without data are zeros: a short file that claims much.
+            let claim = |kind: &str| json!({ "componentType": 5126, "type": kind, "count": count });
+            let (input, output) = (b.push("accessors", claim("SCALAR")), b.push("accessors", claim("VEC3")));
+            b.json["animations"][0]["samplers"][0] = json!({ "input": input, "output": output });
+        })
+    };
+    let scene = load_at(&many(1_000_000), "all", 0.0).unwrap();
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let folder = tempfile::tempdir().unwrap();
+    let refusal = crate::load_within(&many(1 << 23).write_glb(folder.path()), 100_000_000);
+    assert!(refusal.unwrap_err().to_string().contains("for buffers"));
+}
+
+#[test]
+fn joints_without_size_and_skins_of_themselves_harm_nothing() {
+    let mut flat = tube();
+    let (input, output) = (flat.floats(&[[0.0]]), flat.floats(&[[0.0; 3]]));
+    flat.json["animations"] = json!([{
+        "samplers": [{ "input": input, "output": output }],
+        "channels": [{ "sampler": 0, "target": { "node": 1, "path": "scale" } }],
+    }]);
+    let scene = load_at(&flat, "all", 0.0).unwrap();
+    assert!(scene.mesh.triangles.is_empty() && scene.left_out.no_area > 0, "{:?}", scene.left_out);
+
+    // A mesh may be its own joint, or hang on one: only its joints place it.
+    let mut own = tube();
+    own.json["skins"][0]["joints"][3] = json!(0);
+    let scene = load_at(&own, "all", 1.0).unwrap();
+    assert!(scene.mesh.positions.iter().all(|p| p.is_finite()) && !scene.mesh.triangles.is_empty());
+    let mut circle = tube();
+    circle.json["nodes"][8]["children"] = json!([1]);
+    assert!(load_at(&circle, "all", 1.0).unwrap_err().to_string().contains("form a cycle"));
+}
