@@ -29,18 +29,10 @@ impl WideBvh {
         triangles: &[[u32; 3]],
         tell: &(dyn Fn(f64) + Sync),
     ) -> WideBvh {
-        assert!(triangles.len() < 1 << 28, "leaves count their triangles in 28 bits");
-        if triangles.is_empty() {
+        let mut primitives = primitives_of(positions, triangles);
+        if primitives.is_empty() {
             return WideBvh { nodes: vec![WideNode::VACANT], order: Vec::new() };
         }
-        let mut primitives: Vec<Primitive> = triangles
-            .par_iter()
-            .enumerate()
-            .map(|(index, &corners)| {
-                let bounds = improve::bounds_of(&corners.map(|corner| positions[corner as usize]));
-                Primitive { bounds, triangle: index as u32 }
-            })
-            .collect();
         improve::cut(&mut primitives, |index| {
             triangles[index as usize].map(|corner| positions[corner as usize])
         });
@@ -56,6 +48,15 @@ impl WideBvh {
         }
         let from_below = WideBvh::from_binary(improve::clustered(&primitives));
         if from_below.cost().sum() < from_above.cost().sum() { from_below } else { from_above }
+    }
+
+    /// A tree whose boxes will follow their vertices: no triangle is cut, since pieces would not.
+    pub fn build_whole(positions: &[Vec3], triangles: &[[u32; 3]]) -> WideBvh {
+        let mut primitives = primitives_of(positions, triangles);
+        if primitives.is_empty() {
+            return WideBvh { nodes: vec![WideNode::VACANT], order: Vec::new() };
+        }
+        WideBvh::from_binary(improve::reinserted(binary::build(&mut primitives, &|_| ())))
     }
 
     /// Makes a tree wide, whoever built it.
@@ -91,6 +92,16 @@ impl WideBvh {
         }
         LEAF | (u32::from(leaf_len) - 1) << 28 | first
     }
+}
+
+/// Triangles and their boxes.
+fn primitives_of(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Primitive> {
+    assert!(triangles.len() < 1 << 28, "leaves count their triangles in 28 bits");
+    let primitive = |(index, corners): (usize, &[u32; 3])| {
+        let bounds = improve::bounds_of(&corners.map(|corner| positions[corner as usize]));
+        Primitive { bounds, triangle: index as u32 }
+    };
+    triangles.par_iter().enumerate().map(primitive).collect()
 }
 
 /// The binary tree after it was decided which subtrees become leaves.

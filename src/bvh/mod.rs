@@ -9,9 +9,11 @@ pub mod cache;
 mod check;
 pub mod compact;
 mod improve;
+pub mod parted;
 mod refit;
 pub mod wide;
 
+pub use parted::Parted;
 pub use refit::Refit;
 pub use wide::{WideBvh, WideNode};
 

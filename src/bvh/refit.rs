@@ -72,7 +72,7 @@ impl WideBvh {
 }
 
 /// The box around a node's children. Empty slots are inverted and infinite, and change nothing.
-fn extent(node: &WideNode) -> (Vec3, Vec3) {
+pub(super) fn extent(node: &WideNode) -> (Vec3, Vec3) {
     let fold = |rows: &[[f32; 8]; 3], start: f32, f: fn(f32, f32) -> f32| {
         Vec3::from_array(rows.map(|row| row.into_iter().fold(start, f)))
     };

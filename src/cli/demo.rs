@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
-use super::options::{Options, RenderOptions, keep_up};
+use super::options::{Options, RenderOptions, SpeedFlag, keep_up};
 use super::output;
 use super::run::{Presentation, Watchdog, stop_signal, takes_insets};
 use super::window::Show;
@@ -33,6 +33,8 @@ pub struct Args {
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
     #[command(flatten)]
+    speed: SpeedFlag,
+    #[command(flatten)]
     pub(super) options: RenderOptions,
 }
 
@@ -55,8 +57,8 @@ pub enum Headset {
 /// Where the scene or the environment cannot be used.
 pub fn load(scene: Option<&Path>, config: &Config) -> Result<Loaded> {
     match scene {
-        Some(path) => Loaded::from_file(path, config),
-        None => Loaded::from_glb("the demo scene", &generate::demo::generate(), config),
+        Some(path) => Loaded::moving_from_file(path, config),
+        None => Loaded::moving_from_glb("the demo scene", &generate::demo::generate(), config),
     }
 }
 
@@ -67,9 +69,9 @@ pub fn run(args: &Args) -> Result<()> {
         defaults.view.stereo = Stereo::Mono;
     }
     let mut layers = args.options.layers(Layers::over(defaults))?;
-    let config = args.options.finished(&layers)?;
+    let config = args.speed.over(args.options.finished(&layers)?)?;
     let notes = keep_up(&mut layers);
-    let displayed = args.options.finished(&layers)?;
+    let displayed = args.speed.over(args.options.finished(&layers)?)?;
     if args.window || args.headset.is_some() {
         args.options
             .view

@@ -6,7 +6,7 @@ use glam::DVec2;
 use serde::Serialize;
 
 use super::machine::Machine;
-use super::options::{Options, RenderOptions};
+use super::options::{Options, RenderOptions, SpeedFlag};
 use super::output::{self, RenderSummary};
 use super::render;
 use crate::config::{Config, Layers, Stereo, TargetMs, ViewConfig};
@@ -35,6 +35,8 @@ pub struct Args {
     /// Keep head and gaze at rest, for measuring what changes when nothing moves.
     #[arg(long)]
     still: bool,
+    #[command(flatten)]
+    speed: SpeedFlag,
     #[command(flatten)]
     pub(super) options: RenderOptions,
 }
@@ -86,10 +88,10 @@ pub struct Session<'a> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let config = args.options.config_over(Layers::over(stereo_defaults()))?;
+    let config = args.speed.over(args.options.config_over(Layers::over(stereo_defaults()))?)?;
     let profile = profile(&args.headset)?;
     check_out(&args.out)?;
-    let (machine, loaded) = render::open(&args.scene, &config)?;
+    let (machine, loaded) = render::open_with(&config, || render::load_moving(&args.scene, &config))?;
     output::print_warnings(&loaded.warnings);
     let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;
     let session = Session {
@@ -195,6 +197,7 @@ impl Session<'_> {
             let time = seconds * f64::from(frame) / f64::from(count);
             let (head, gaze) = (script.head_at(time), self.gaze.unwrap_or_else(|| script.gaze_at(time)));
             let plan = self.plan(profile, head)?;
+            renderer.show_at(time);
             let seed = self.config.trace.seed.wrapping_add(frame);
             let held = controller.as_ref().map(budget::Controller::held);
             if let Some(controller) = &controller {
@@ -255,7 +258,7 @@ impl Summary {
         output::print_line(&format!(
             "{} frames for the {}, {:.1} fps (median frame {:.0} ms, p99 {:.0} ms)\n\
              {} shaded samples for {} pixels (1 for {:.1}), {:.2} Mrays a frame, {:.2} Mrays/s\n\
-             trace {:.1} ms, shade {:.1} ms, light {:.1} ms, share {:.1} ms ({}), reconstruct {:.1} ms\n\
+             motion {:.1} ms, trace {:.1} ms, shade {:.1} ms, light {:.1} ms, share {:.1} ms ({}), reconstruct {:.1} ms\n\
              traced by {}, reconstructed by {}\n\
              {}: pictures, contact_sheet.png, preview.gif, frames.jsonl",
             r.frames,
@@ -268,6 +271,7 @@ impl Summary {
             r.pixels as f64 / r.samples.max(1) as f64,
             r.rays as f64 * 1e-6,
             r.mrays_per_second,
+            r.stage_ms.motion,
             r.stage_ms.trace,
             r.stage_ms.shade,
             r.stage_ms.light,

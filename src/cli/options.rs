@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::math::view::FieldOfView;
 
 use flags::{Flag, lay};
-pub use flags::{GazeFlag, LightFlags, SampleFlags, TargetFlags, ViewFlags};
+pub use flags::{GazeFlag, LightFlags, SampleFlags, SpeedFlag, TargetFlags, ViewFlags};
 
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]

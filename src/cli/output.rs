@@ -69,6 +69,7 @@ impl RenderSummary {
             percentile(&frames.iter().map(value).collect::<Vec<_>>(), 50.0).unwrap_or(0.0)
         };
         let stage_ms = StageMs {
+            motion: median(&|f| f.stages.motion),
             trace: median(&|f| f.stages.trace),
             shade: median(&|f| f.stages.shade),
             light: median(&|f| f.stages.light),

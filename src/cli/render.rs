@@ -101,7 +101,12 @@ fn chosen(config: Config) -> Result<Config> {
 
 /// Opens the devices while the scene loads.
 pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded)> {
-    let (machine, loaded) = rayon::join(|| Machine::open(&config.devices), || load(scene, config));
+    open_with(config, || load(scene, config))
+}
+
+/// Opens the devices while `load` loads a scene.
+pub fn open_with(config: &Config, load: impl FnOnce() -> Result<Loaded> + Send) -> Result<(Machine, Loaded)> {
+    let (machine, loaded) = rayon::join(|| Machine::open(&config.devices), load);
     // What is wrong with the scene comes first: it is the likelier mistake.
     let loaded = loaded?;
     Ok((machine?, loaded))
@@ -110,6 +115,13 @@ pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded
 /// Loads a scene that has something to show.
 pub fn load(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
     let loaded = Loaded::from_file(scene, config)?;
+    require_triangles(scene, &loaded)?;
+    Ok(loaded)
+}
+
+/// Loads a scene that has something to show, and whose animations play on.
+pub fn load_moving(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
+    let loaded = Loaded::moving_from_file(scene, config)?;
     require_triangles(scene, &loaded)?;
     Ok(loaded)
 }

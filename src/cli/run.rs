@@ -14,11 +14,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::mock::stereo_defaults;
-use super::options::{Options, RenderOptions};
+use super::options::{Options, RenderOptions, SpeedFlag};
 use super::output;
 use crate::config::{Config, Layers, Stereo};
 use crate::error::{Error, Result};
-use crate::frame::Loaded;
 use crate::headset::openxr::{Fault, Runtime};
 use crate::scene::Scene;
 
@@ -40,12 +39,15 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     #[command(flatten)]
+    speed: SpeedFlag,
+    #[command(flatten)]
     pub(super) options: RenderOptions,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     let (config, notes) = args.options.config_for_display(Layers::over(stereo_defaults()))?;
+    let config = args.speed.over(config)?;
     Scene::check(&args.scene)?;
     let stop = stop_signal()?;
     // Whether there is a headset is known at once, and a scene may take long.
@@ -58,8 +60,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     watch.works();
     let Some(runtime) = runtime else { return Ok(()) };
-    let loaded = Loaded::from_file(&args.scene, &config)?;
-    super::render::require_triangles(&args.scene, &loaded)?;
+    let loaded = super::render::load_moving(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(&notes);
     let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;

@@ -307,6 +307,8 @@ impl<'a> Session<'a> {
         self.seed = self.seed.wrapping_add(1);
         self.hold(moment)?;
         self.held = self.controller.as_ref().map(Controller::held);
+        let seen = moment.now + Duration::from_secs_f64(moment.latency);
+        self.renderer.show_at((seen - self.begun).as_secs_f64());
         let report = self.renderer.frame(&plan, &[], self.seed)?;
         if let Some(controller) = &mut self.controller {
             controller.observe(report.frame_ms, report.pattern_ms);

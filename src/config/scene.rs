@@ -24,6 +24,8 @@ pub struct SceneConfig {
     pub animation: String,
     /// Seconds for which they have played: in a picture; in the first frame where they play on.
     pub time: f64,
+    /// How many times as fast they play on; negative: backwards.
+    pub speed: f64,
 }
 
 impl Default for SceneConfig {
@@ -36,14 +38,18 @@ impl Default for SceneConfig {
             scale: 1.0,
             animation: "auto".into(),
             time: 0.0,
+            speed: 1.0,
         }
     }
 }
 
 impl SceneConfig {
-    pub(super) fn check(&self) -> Result<()> {
+    /// # Errors
+    /// Where a number is out of its range.
+    pub fn check(&self) -> Result<()> {
         range("scene.scale", self.scale, 1e-9, 1e9)?;
-        range("scene.time", self.time, -1e9, 1e9)
+        range("scene.time", self.time, -1e9, 1e9)?;
+        range("scene.speed", self.speed, -1e3, 1e3)
     }
 
     /// How a file is loaded with these choices; `progress` is told how far that is.

@@ -4,14 +4,16 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::time::Instant;
 
-use crate::bvh::WideBvh;
+use glam::Vec3;
+
 use crate::bvh::cache::TreeCache;
+use crate::bvh::{Parted, WideBvh};
 use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
 use crate::gpu::opencl::Device;
 use crate::progress;
 use crate::scene::sky::Sky;
-use crate::scene::{Environment, Progress, Scene};
+use crate::scene::{Environment, LoadOptions, Progress, Scene};
 use crate::trace::SceneData;
 
 /// A step of starting up.
@@ -30,6 +32,8 @@ pub struct Loaded {
     pub scene: Scene,
     /// Its tree.
     pub bvh: WideBvh,
+    /// The trees of its moving parts, where it is to move on and anything does.
+    pub parted: Option<Parted>,
     /// The tree was found on disk, not built.
     pub bvh_was_cached: bool,
     /// Its light.
@@ -46,12 +50,15 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn from_file(path: &Path, config: &Config) -> Result<Loaded> {
-        Self::with(config, || {
-            let (bar, progress) = reading();
-            let scene = Scene::load_with(path, &config.scene.load_options(progress));
-            bar.finish_and_clear();
-            scene
-        })
+        Self::with(config, || read(path, config, false))
+    }
+
+    /// Loads a scene from a file that moves on from its first instant, where anything in it does.
+    ///
+    /// # Errors
+    /// Where the scene or the environment cannot be used.
+    pub fn moving_from_file(path: &Path, config: &Config) -> Result<Loaded> {
+        Self::with(config, || read(path, config, true))
     }
 
     /// Takes a glTF binary from memory; `name` stands for it in messages.
@@ -62,17 +69,27 @@ impl Loaded {
         Self::with(config, || Scene::from_glb(Path::new(name), bytes))
     }
 
+    /// Takes a glTF binary from memory whose animations play on, where it has some.
+    ///
+    /// # Errors
+    /// Where the scene or the environment cannot be used.
+    pub fn moving_from_glb(name: &str, bytes: &[u8], config: &Config) -> Result<Loaded> {
+        let options = LoadOptions { keeps_motion: true, ..config.scene.load_options(Progress::default()) };
+        Self::with(config, || Scene::from_glb_with(Path::new(name), bytes, &options))
+    }
+
     fn with(config: &Config, load: impl FnOnce() -> Result<Scene> + Send) -> Result<Loaded> {
         let (scene, light) = rayon::join(
             || timed("scene", load),
             || timed("environment", || environment(&config.environment)),
         );
         let ((scene, scene_step), ((environment, mut warnings), light_step)) = (scene?, light?);
-        let ((bvh, bvh_was_cached), bvh_step) = timed("bvh", || Ok(tree_of(&scene)))?;
+        let ((bvh, parted, bvh_was_cached), bvh_step) = timed("bvh", || Ok(trees_of(&scene)))?;
         warnings.extend(scene.warnings.iter().cloned());
         Ok(Loaded {
             scene,
             bvh,
+            parted,
             bvh_was_cached,
             environment,
             steps: vec![scene_step, light_step, bvh_step],
@@ -81,10 +98,29 @@ impl Loaded {
     }
 }
 
-/// The scene's tree from the user's cache, and whether it was there; else built, under a progress bar where
+/// Reads a scene, under a progress bar where standard error is a terminal.
+fn read(path: &Path, config: &Config, keeps_motion: bool) -> Result<Scene> {
+    let (bar, progress) = reading();
+    let options = LoadOptions { keeps_motion, ..config.scene.load_options(progress) };
+    let scene = Scene::load_with(path, &options);
+    bar.finish_and_clear();
+    scene
+}
+
+/// The scene's tree, with the trees of its moving parts, and whether that of the others was in the user's cache.
+fn trees_of(scene: &Scene) -> (WideBvh, Option<Parted>, bool) {
+    let (mesh, motion) = (&scene.mesh, scene.motion.as_ref());
+    let first = motion.map_or(mesh.triangles.len(), |motion| motion.first_triangle(mesh));
+    let (still, was_cached) = tree_of(&mesh.positions, &mesh.triangles[..first]);
+    let Some(motion) = motion else { return (still, None, was_cached) };
+    let parts: Vec<_> = motion.parts.iter().map(|part| part.triangles.clone()).collect();
+    let (bvh, parted) = Parted::build(&mesh.positions, &mesh.triangles, &parts, still);
+    (bvh, Some(parted), was_cached)
+}
+
+/// The tree over triangles from the user's cache, and whether it was there; else built, under a progress bar where
 /// standard error is a terminal.
-fn tree_of(scene: &Scene) -> (WideBvh, bool) {
-    let (positions, triangles) = (&scene.mesh.positions, &scene.mesh.triangles);
+fn tree_of(positions: &[Vec3], triangles: &[[u32; 3]]) -> (WideBvh, bool) {
     let build = || {
         let bar = progress::bar(STEPS, "building the tree", "{msg} [{bar:30}] {percent} %, {elapsed}");
         let tree = WideBvh::build_and_tell(positions, triangles, &|done| {

@@ -29,6 +29,9 @@ pub struct FrameRecord {
     pub dropped_samples: u64,
     /// Making a new sample pattern, where gaze or view had changed.
     pub pattern_ms: f64,
+    /// Bringing what moves to its instant.
+    #[serde(default)]
+    pub motion_ms: f64,
     /// Finding what pixels and samples see.
     pub trace_ms: f64,
     /// Shading the samples.
@@ -76,6 +79,7 @@ impl FrameRecord {
             rays: report.rays,
             dropped_samples: report.dropped.into(),
             pattern_ms: report.pattern_ms,
+            motion_ms: report.stages.motion,
             trace_ms: report.stages.trace,
             shade_ms: report.stages.shade,
             light_ms: report.stages.light,
@@ -144,6 +148,7 @@ mod tests {
             rays: 2_000_000 + frame,
             dropped_samples: 1,
             pattern_ms: 2.0,
+            motion_ms: 0.3,
             trace_ms: 4.0,
             shade_ms: 6.0,
             light_ms: 1.5,

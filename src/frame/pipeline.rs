@@ -9,6 +9,7 @@ use super::load::{Loaded, Step, fitting_environment, timed};
 use super::meter::{Meter, Metered};
 use super::scheduler::{DeviceShare, Scheduler};
 use super::stereo::{Cut, Plan};
+use crate::bvh::Parted;
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
 use crate::foveation::{BitMask, Law, Lens, Pattern, Workload};
@@ -19,7 +20,7 @@ use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
 use crate::scene::Sun;
-use crate::trace::{self, Fleet, Job, SampleTarget, SceneData};
+use crate::trace::{self, Fleet, Job, MovingScene, SampleTarget, SceneData, SceneState};
 
 /// What the finished picture's numbers are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +34,9 @@ pub enum Output {
 /// Milliseconds of each stage of a frame, summed over its views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StageMs {
+    /// Bringing what moves to the frame's instant, before its first view.
+    #[serde(default)]
+    pub motion: f64,
     /// Camera rays and, for guided reconstruction, what pixels see: device time of the slowest device.
     pub trace: f64,
     /// Shading with all light rays: device time of the slowest device.
@@ -57,7 +61,7 @@ pub struct FrameReport {
     pub dropped: u32,
     /// New sample patterns that the frame made, since gaze or view had changed: milliseconds.
     pub pattern_ms: f64,
-    /// Wall time from start to finished pixels.
+    /// Wall time from start to finished pixels, with what bringing things that move to its instant took before.
     pub frame_ms: f64,
     /// Stops by which its pictures were brightened, where exposure is automatic.
     pub exposure: Option<f64>,
@@ -88,6 +92,12 @@ pub struct Renderer {
     /// Steps of the cache of light so far, and those that the next view makes.
     light: u64,
     light_steps: u64,
+    /// What moves, how fast, and where it is.
+    moving: Option<MovingScene>,
+    speed: f64,
+    state: Option<Arc<SceneState>>,
+    /// What bringing it there took since the last frame, in milliseconds.
+    motion_ms: f64,
     views: Vec<TracedView>,
     image: Option<Image>,
 }
@@ -211,7 +221,7 @@ impl Renderer {
     ) -> Result<(Self, Step)> {
         let (reconstruction, shaders_step) =
             timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
-        let renderer = Renderer {
+        let mut renderer = Renderer {
             scheduler,
             reconstruction,
             context: context.clone(),
@@ -225,9 +235,15 @@ impl Renderer {
             output,
             light: 0,
             light_steps: 1,
+            moving: (loaded.parted.as_ref())
+                .and_then(|parted| MovingScene::new(&loaded.scene, &loaded.bvh, parted)),
+            speed: config.scene.speed,
+            state: None,
+            motion_ms: 0.0,
             views: Vec::new(),
             image: None,
         };
+        renderer.show_at(0.0);
         Ok((renderer, shaders_step))
     }
 
@@ -288,6 +304,7 @@ impl Renderer {
         let start = Instant::now();
         self.meter.begin(start);
         let mut report = FrameReport::default();
+        report.stages.motion = std::mem::take(&mut self.motion_ms);
         for (index, request) in requests.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, request)?;
             self.trace(index, &request.view, seed, &mut report)?;
@@ -304,7 +321,7 @@ impl Renderer {
         }
         report.exposure = self.meter.stops();
         self.meter.observe(self.views.iter().take(requests.len()).map(TracedView::metered), self.sun);
-        report.frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        report.frame_ms = start.elapsed().as_secs_f64() * 1e3 + report.stages.motion;
         Ok(report)
     }
 
@@ -320,6 +337,7 @@ impl Renderer {
             view: *view,
             settings: trace::Settings { seed, cached, ..self.settings },
             light: self.light,
+            state: self.state.clone(),
             pattern: traced.pattern.clone(),
             workload: traced.workload.clone(),
             sample_target: traced.sample_target.clone(),
@@ -493,6 +511,15 @@ impl Renderer {
         self.light_steps = steps;
     }
 
+    /// The next frames show what moves where it is so many seconds after the beginning, at the speed of the settings.
+    /// All views of a frame show one instant. Nothing happens in scenes in which nothing moves.
+    pub fn show_at(&mut self, seconds: f64) {
+        let Some(moving) = &mut self.moving else { return };
+        let start = Instant::now();
+        self.state = Some(Arc::new(moving.at(moving.start() + seconds * self.speed)));
+        self.motion_ms += start.elapsed().as_secs_f64() * 1e3;
+    }
+
     /// The next frames find nothing of those before: after a cut, or where each frame has to stand for itself.
     pub fn forget(&mut self) {
         self.reconstruction.forget();
@@ -507,7 +534,9 @@ impl Renderer {
 /// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.
 fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
     let environment = fitting_environment(&loaded.environment, devices);
-    let data = Arc::new(SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?);
+    let mut data = SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?;
+    data.depth = loaded.parted.as_ref().map_or(data.depth, Parted::depth);
+    let data = Arc::new(data);
     let walking = |device: &Device| {
         let choice = config.trace.traversal.on(device);
         // What does not fit says so when it is opened; no kernel is to blame.

@@ -33,6 +33,19 @@ pub enum Source {
     Light(u32),
 }
 
+impl Emitter {
+    /// A triangle's emitter where its corners are now, and with the power that it has there.
+    pub fn moved(&self, [a, b, c]: [Vec3; 3], power: f32) -> Emitter {
+        let across = (b - a).as_dvec3().cross((c - a).as_dvec3());
+        Emitter {
+            power: if power.is_finite() { power.max(f32::MIN_POSITIVE) } else { self.power },
+            bounds: [a.min(b).min(c), a.max(b).max(c)],
+            axis: across.normalize_or(glam::DVec3::Y).as_vec3(),
+            ..*self
+        }
+    }
+}
+
 /// Whether a material sends light of its own. Unlit surfaces send what they show: others are lit by it.
 pub fn shines(material: &Material) -> bool {
     let shown = if material.unlit { material.base_color.truncate() } else { material.emissive };

@@ -56,6 +56,21 @@ impl LightTree {
         tree
     }
 
+    /// Fits all nodes to where the emitters are now; ways stay. The further neighbours have moved apart, the worse
+    /// it chooses, without a bias.
+    pub fn refit(&mut self, emitters: &[Emitter]) {
+        // Children come after their parents.
+        for index in (0..self.nodes.len()).rev() {
+            let link = self.nodes[index].link;
+            self.nodes[index] = match link {
+                Link::Leaf(emitter) => Node::of(&emitters[emitter as usize], emitter),
+                Link::Inner(second) => {
+                    Node { link, ..self.nodes[index + 1].with(&self.nodes[second as usize]) }
+                }
+            };
+        }
+    }
+
     fn build(&mut self, emitters: &[Emitter], order: &mut [u32], trail: u32, depth: u32, searched: u32) {
         let node = order.iter().map(|&i| Node::of(&emitters[i as usize], i)).reduce(|a, b| a.with(&b));
         let Some(node) = node else { return };
@@ -204,6 +219,40 @@ mod tests {
             assert!((tree.nodes[0].power - total).abs() < total * 1e-4);
         }
         assert_eq!(LightTree::new(&[]), LightTree::default());
+    }
+
+    #[test]
+    fn a_refitted_tree_holds_moved_emitters() {
+        let mut moved = emitters(500);
+        let mut tree = LightTree::new(&moved);
+        let before = tree.clone();
+        tree.refit(&moved);
+        for (node, was) in tree.nodes.iter().zip(&before.nodes) {
+            assert_eq!((node.link, node.bounds), (was.link, was.bounds));
+            assert!((node.power - was.power).abs() <= 1e-4 * was.power);
+        }
+        for (i, emitter) in moved.iter_mut().enumerate() {
+            emitter.bounds = emitter.bounds.map(|p| p * 2.0 + Vec3::splat(i as f32));
+            emitter.power *= 3.0;
+        }
+        tree.refit(&moved);
+        let total: f32 = moved.iter().map(|e| e.power).sum();
+        assert!((tree.nodes[0].power - total).abs() < total * 1e-4);
+        for (index, &trail) in tree.trails.iter().enumerate() {
+            let (mut node, mut depth) = (0, 0);
+            loop {
+                let Node { bounds, link, .. } = tree.nodes[node];
+                let own = moved[index].bounds;
+                assert!(bounds[0].cmple(own[0]).all() && bounds[1].cmpge(own[1]).all());
+                match link {
+                    Link::Leaf(found) => break assert_eq!(found, index as u32),
+                    Link::Inner(second) => {
+                        node = if trail >> depth & 1 == 1 { second as usize } else { node + 1 }
+                    }
+                }
+                depth += 1;
+            }
+        }
     }
 
     #[test]

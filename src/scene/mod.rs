@@ -36,6 +36,7 @@ pub use texture::Texture;
 pub use viewpoint::{Viewpoint, default_viewpoint};
 
 use std::path::Path;
+use std::sync::Arc;
 
 use self::formats::Format;
 use crate::math::pose::Pose;
@@ -63,6 +64,8 @@ pub struct Scene {
     pub camera: Option<usize>,
     /// The file's animations.
     pub animations: Vec<animation::ClipInfo>,
+    /// What moves, where that was asked for ([`LoadOptions::keeps_motion`]) and anything does.
+    pub motion: Option<Arc<animation::Motion>>,
     /// Names of the file's scenes, which may be empty; one of them is this.
     pub scenes: Vec<String>,
     /// Names of the file's variants of materials (KHR_materials_variants).
@@ -110,7 +113,12 @@ impl Scene {
 
     /// Reads a binary glTF 2.0 file from memory; see [`gltf::load_glb`].
     pub fn from_glb(name: &Path, bytes: &[u8]) -> Result<Self> {
-        gltf::load_glb(name, bytes, &LoadOptions::default())
+        Self::from_glb_with(name, bytes, &LoadOptions::default())
+    }
+
+    /// The same in a way that is not the usual one.
+    pub fn from_glb_with(name: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Self> {
+        gltf::load_glb(name, bytes, options)
     }
 }
 

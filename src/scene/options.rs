@@ -18,6 +18,8 @@ pub struct LoadOptions {
     pub animation: Choice,
     /// Seconds for which they have played.
     pub time: f64,
+    /// Whether the scene is to move on from there ([`super::Scene::motion`]).
+    pub keeps_motion: bool,
     /// Metres that a unit of the file is.
     pub scale: f64,
     /// Memory that it may take.
@@ -37,6 +39,7 @@ impl Default for LoadOptions {
             variant: None,
             animation,
             time,
+            keeps_motion: false,
             scale: 1.0,
             budget,
             progress,

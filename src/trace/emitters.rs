@@ -1,10 +1,13 @@
 //! What shines, as kernels read it.
 
+use glam::Vec3;
+
 use crate::bvh::WideBvh;
 use crate::layout;
+use crate::scene::animation::Motion;
 use crate::scene::emitters::{self, Source};
 use crate::scene::light_tree::{LightTree, Link, Node};
-use crate::scene::{LightKind, Scene};
+use crate::scene::{Light, LightKind, Scene};
 
 /// Emitters and the tree over them.
 #[derive(Debug)]
@@ -23,6 +26,11 @@ const DOUBLE_SIDED: u32 = 2;
 impl PackedEmitters {
     /// None where there is nothing to aim at.
     pub fn of(scene: &Scene, bvh: &WideBvh) -> Option<Self> {
+        Self::with_tree(scene, bvh).map(|(packed, ..)| packed)
+    }
+
+    /// The same with the emitters in the list's order, and the tree over them.
+    fn with_tree(scene: &Scene, bvh: &WideBvh) -> Option<(Self, Vec<emitters::Emitter>, LightTree)> {
         let found = emitters::of(scene);
         if found.is_empty() {
             return None;
@@ -47,12 +55,75 @@ impl PackedEmitters {
                 }
             }
         };
-        Some(PackedEmitters {
+        let packed = PackedEmitters {
             list: sorted.iter().zip(&tree.trails).map(pack).collect(),
             nodes: tree.nodes.iter().map(node).collect(),
             triangles: sorted.iter().filter(|e| matches!(e.source, Source::Triangle(_))).count() as u32,
-        })
+        };
+        Some((packed, sorted, tree))
     }
+}
+
+/// Emitters some of which move.
+#[derive(Debug)]
+pub(super) struct MovingEmitters {
+    packed: PackedEmitters,
+    /// In the list's order.
+    sorted: Vec<emitters::Emitter>,
+    tree: LightTree,
+    /// Moving ones: their place in the list, and of triangles the power that a square metre sends.
+    moving: Vec<(usize, f64)>,
+}
+
+impl MovingEmitters {
+    /// None where nothing that shines moves. `bvh` is the tree in which the scene was packed.
+    pub fn of(scene: &Scene, motion: &Motion, bvh: &WideBvh) -> Option<Self> {
+        let (packed, sorted, tree) = PackedEmitters::with_tree(scene, bvh)?;
+        let first = motion.first_triangle(&scene.mesh) as u32;
+        let moves = |(place, emitter): (usize, &emitters::Emitter)| match emitter.source {
+            Source::Triangle(index) if index >= first => {
+                let corners = scene.mesh.triangles[index as usize].map(|v| scene.mesh.positions[v as usize]);
+                Some((place, f64::from(emitter.power) / area(corners)))
+            }
+            Source::Light(index) if motion.lights.iter().any(|light| light.0 == index as usize) => {
+                Some((place, 0.0))
+            }
+            _ => None,
+        };
+        let moving: Vec<(usize, f64)> = sorted.iter().enumerate().filter_map(moves).collect();
+        (!moving.is_empty()).then_some(MovingEmitters { packed, sorted, tree, moving })
+    }
+
+    /// All of them and their tree where they are now; `corners` tells, of moving triangles.
+    pub fn at(
+        &mut self,
+        corners: impl Fn(u32) -> [Vec3; 3],
+        lights: &[Light],
+    ) -> (Vec<layout::Emitter>, Vec<layout::LightNode>) {
+        for &(place, by_area) in &self.moving {
+            let emitter = &mut self.sorted[place];
+            match emitter.source {
+                Source::Triangle(index) => {
+                    let [a, b, c] = corners(index);
+                    *emitter = emitter.moved([a, b, c], (by_area * area([a, b, c])) as f32);
+                    let packed = &mut self.packed.list[place];
+                    packed.corner = a.to_array();
+                    packed.edges = [(b - a).to_array(), (c - a).to_array()];
+                }
+                Source::Light(index) => {
+                    let light = &lights[index as usize];
+                    emitter.bounds = [light.position; 2];
+                    emitter.axis = light.direction.normalize_or(Vec3::Y);
+                }
+            }
+        }
+        self.tree.refit(&self.sorted);
+        (self.packed.list.clone(), self.tree.nodes.iter().map(node).collect())
+    }
+}
+
+fn area([a, b, c]: [Vec3; 3]) -> f64 {
+    0.5 * (b - a).as_dvec3().cross((c - a).as_dvec3()).length()
 }
 
 /// Punctual lights in the order in which kernels have them: those first that are all asked.

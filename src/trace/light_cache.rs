@@ -10,6 +10,8 @@ use super::{SceneBuffers, TracePattern, Traversal};
 const PATHS: u32 = 3072;
 /// After so many frames what a path has brought counts half as much.
 const HALF_LIFE: f32 = 64.0;
+/// The same where things move: light that has changed is forgotten sooner, at the price of more noise.
+const MOVING_HALF_LIFE: f32 = 12.0;
 /// A cell that no path has passed for so many frames is given up.
 const LIFETIME: u32 = 512;
 /// Work-items that forget and settle cells.
@@ -54,6 +56,11 @@ impl LightCache {
                 ..scene.cache
             },
         })
+    }
+
+    /// From now on things move, and light changes with them.
+    pub fn follow_motion(&mut self) {
+        self.info.half_life = MOVING_HALF_LIFE;
     }
 
     /// What a kernel is given that looks the cache up: it as a whole, keys and cells.

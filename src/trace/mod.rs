@@ -4,6 +4,7 @@
 mod emitters;
 mod fleet;
 mod light_cache;
+mod moving;
 pub mod probe;
 mod scene_buffers;
 mod self_test;
@@ -14,6 +15,7 @@ pub mod warm;
 mod worker;
 
 pub use fleet::{Fleet, Opener, Round, State, Tried};
+pub use moving::{MovingScene, SceneState};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera, try_kernels};
 pub use traversal::{Traversal, Traversals};

@@ -17,6 +17,7 @@ use crate::scene::{
     AlphaMode, Environment, Features, Layers, LightKind, Scene, TextureRef, emitters, texture::Wrap,
 };
 
+use super::SceneState;
 use super::emitters::{PackedEmitters, lights_asked, lights_in_order};
 
 /// A scene packed for upload, once for all devices. What no feature requires does not exist.
@@ -137,7 +138,7 @@ impl SceneData {
             textures: features.textures.then_some(infos),
             texels: features.textures.then_some(texels),
             srgb: features.textures.then(srgb_codes),
-            lights: (!scene.lights.is_empty()).then(|| pack_lights(scene)),
+            lights: (!scene.lights.is_empty()).then(|| pack_lights(&scene.lights, &lights_in_order(scene))),
             environment: pack_environment(environment, &directions),
             alias: pack_alias(&directions),
             shading: shading(scene, environment, &directions, packed.as_ref()),
@@ -281,6 +282,39 @@ impl SceneBuffers {
             shading: data.shading,
             cache: data.cache,
         })
+    }
+
+    /// Brings it to another instant.
+    ///
+    /// # Errors
+    /// [`Error::Device`] where the device refuses.
+    pub fn move_to(&mut self, state: &SceneState) -> Result<()> {
+        let (first, nodes) = &state.nodes;
+        if let Some(wide) = &self.wide {
+            wide.write(&state.top)?;
+            wide.write_at(*first, nodes)?;
+        }
+        if let Some(compact) = &self.compact {
+            let [top, nodes] = state.compact();
+            compact.write(top)?;
+            compact.write_at(*first, nodes)?;
+        }
+        self.leaves.write_at(state.leaves.0, &state.leaves.1)?;
+        self.normals.write_at(state.normals.0, &state.normals.1)?;
+        if let Some(tangents) = &self.tangents {
+            tangents.write_at(state.tangents.0, &state.tangents.1)?;
+        }
+        if let Some(lights) = &self.lights {
+            lights.write(&state.lights)?;
+        }
+        if let (Some(emitters), Some(nodes)) = (&self.emitters, &self.light_nodes) {
+            emitters.write(&state.emitters)?;
+            nodes.write(&state.light_nodes)?;
+        }
+        if let Some([lower, upper]) = state.lit {
+            (self.shading.lit_lower, self.shading.lit_upper) = (lower.to_array(), upper.to_array());
+        }
+        Ok(())
     }
 
     /// How many arguments a scene is.
@@ -451,7 +485,8 @@ fn srgb_codes() -> Vec<f32> {
     (0..=255u8).map(|code| crate::metrics::display::linear_from_srgb(f32::from(code) / 255.0)).collect()
 }
 
-fn pack_lights(scene: &Scene) -> Vec<layout::Light> {
+/// Lights in an order.
+pub(super) fn pack_lights(lights: &[crate::scene::Light], order: &[usize]) -> Vec<layout::Light> {
     let pack = |light: &crate::scene::Light| {
         let (kind, cos_inner, cos_outer) = match light.kind {
             LightKind::Point => (0, 0.0, 0.0),
@@ -468,7 +503,7 @@ fn pack_lights(scene: &Scene) -> Vec<layout::Light> {
             cos_outer,
         }
     };
-    lights_in_order(scene).into_iter().map(|index| pack(&scene.lights[index])).collect()
+    order.iter().map(|&index| pack(&lights[index])).collect()
 }
 
 fn pack_environment(environment: &Environment, directions: &DirectionTable) -> Vec<layout::EnvironmentTexel> {

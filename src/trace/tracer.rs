@@ -12,7 +12,7 @@ use crate::scene::{Environment, Features, Scene};
 
 use super::light_cache::LightCache;
 use super::source;
-use super::{SceneBuffers, SceneData, Traversal, Traversals};
+use super::{SceneBuffers, SceneData, SceneState, Traversal, Traversals};
 
 /// Work-items of `trace_pixels`, `describe_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
 pub(super) const BLOCKS_PER_TILE: usize = 4;
@@ -68,6 +68,8 @@ pub struct Tracer {
     scene: SceneBuffers,
     traversals: Traversals,
     anchor: glam::DVec3,
+    /// The instant that the scene shows; 0 as it was packed.
+    serial: u64,
     trace_pixels: Kernel,
     trace_samples: Kernel,
     describe_pixels: Kernel,
@@ -224,6 +226,7 @@ impl Tracer {
             scene,
             traversals: programs.traversals,
             anchor: data.anchor,
+            serial: 0,
             trace_pixels: program.kernel("trace_pixels")?,
             trace_samples: program.kernel("trace_samples")?,
             describe_pixels: program.kernel("describe_pixels")?,
@@ -289,6 +292,19 @@ impl Tracer {
     /// [`crate::Error::Device`] where the device is lost.
     pub fn light_rays(&self) -> Result<u64> {
         self.light.rays()
+    }
+
+    /// Brings the scene to an instant, where it is not there yet.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub fn move_to(&mut self, state: &SceneState) -> Result<()> {
+        if self.serial != state.serial {
+            self.scene.move_to(state)?;
+            self.light.follow_motion();
+            self.serial = state.serial;
+        }
+        Ok(())
     }
 
     fn shading(&self, settings: &Settings) -> layout::Shading {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{SceneData, Settings, TracePattern, Tracer, Traversals};
+use super::{SceneData, SceneState, Settings, TracePattern, Tracer, Traversals};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
@@ -26,6 +26,8 @@ pub struct Job {
     pub settings: Settings,
     /// Steps of the cache of light that are made before it, counted from the first frame on: all devices make the same.
     pub light: u64,
+    /// Where what moves is, in scenes in which something does.
+    pub state: Option<Arc<SceneState>>,
     /// Where its samples are.
     pub pattern: Arc<Pattern>,
     /// The pattern's tiles and samples, as parts are cut from them.
@@ -158,6 +160,9 @@ impl Worker for DeviceWorker {
     }
 
     fn trace(&mut self, job: &Job, part: &Part) -> Result<PartResult> {
+        if let Some(state) = &job.state {
+            self.tracer.move_to(state)?;
+        }
         self.prepare(job)?;
         let Some(own) = &self.views[job.index] else { return Ok(PartResult::default()) };
         let sample_target = &job.sample_target;

@@ -26,7 +26,7 @@ fn the_json_object_has_the_keys_that_others_build_on() {
     assert!(told["rays"].as_u64().unwrap() >= 300);
     for (key, parts) in [
         ("frame_ms", &["p50", "p99"][..]),
-        ("stage_ms", &["trace", "shade", "light", "share", "reconstruct"]),
+        ("stage_ms", &["motion", "trace", "shade", "light", "share", "reconstruct"]),
     ] {
         assert_eq!(told[key].as_object().unwrap().len(), parts.len());
         assert!(parts.iter().all(|part| told[key][part].as_f64().unwrap() >= 0.0), "{told}");

@@ -3,6 +3,7 @@
 #![allow(dead_code)] // No test uses everything.
 
 pub mod builder;
+pub mod moving;
 pub mod validation;
 
 use std::path::PathBuf;

@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod hands;
+mod moving;
 mod slow;
 
 use std::sync::Arc;

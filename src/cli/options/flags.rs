@@ -163,6 +163,28 @@ impl LightFlags {
     }
 }
 
+/// How fast animations play on.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct SpeedFlag {
+    /// How many times as fast animations play on; negative: backwards.
+    #[arg(long, value_name = "FACTOR", allow_hyphen_values = true, help_heading = "Scene")]
+    speed: Option<f64>,
+}
+
+impl SpeedFlag {
+    /// Settings with that speed, where it is given.
+    ///
+    /// # Errors
+    /// That names the flag.
+    pub fn over(&self, mut config: Config) -> Result<Config> {
+        if let Some(speed) = self.speed {
+            config.scene.speed = speed;
+            config.scene.check().map_err(|error| renamed(error, "--speed"))?;
+        }
+        Ok(config)
+    }
+}
+
 /// Frame times to hold.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct TargetFlags {

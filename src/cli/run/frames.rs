@@ -57,6 +57,7 @@ impl Presentation<'_> {
             run.pace.skip();
             return session.end(frame, None);
         };
+        stage.renderer.show_at((time - *run.begun.get_or_insert(time)) as f64 * 1e-9);
         // As late as it can be: all that is left to do before tracing is to choose samples.
         let mut time = time;
         if let Some(newer) = self.eyes(session, frame, Asking::Trace, &mut run.pace)? {

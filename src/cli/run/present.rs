@@ -92,6 +92,8 @@ pub(super) struct Run<'w> {
     pub(super) log: Option<FrameLog>,
     /// How long frames take, and for which time poses are asked.
     pub(super) pace: Pace,
+    /// When what was shown first was seen, by the session's clock in nanoseconds: animations begin then.
+    pub(super) begun: Option<i64>,
     /// When the last picture was shown, or it was told why none is.
     pub(super) shown: Instant,
     /// What was told last of why none is shown.
@@ -141,6 +143,7 @@ impl Presentation<'_> {
             controller: None,
             log: self.log.map(FrameLog::create).transpose()?,
             pace: Pace::default(),
+            begun: None,
             shown: Instant::now(),
             dark: "",
             noted: BTreeSet::new(),

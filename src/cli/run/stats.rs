@@ -80,6 +80,7 @@ impl Stats {
             percentile(&times, 50.0).unwrap_or(0.0)
         };
         StageMs {
+            motion: median(&|s| s.motion),
             trace: median(&|s| s.trace),
             shade: median(&|s| s.shade),
             light: median(&|s| s.light),

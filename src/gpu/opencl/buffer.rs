@@ -133,7 +133,13 @@ impl<T: Pod> Buffer<T> {
 
     /// Copies `data` to the buffer's start and waits for it.
     pub fn write(&self, data: &[T]) -> Result<()> {
-        assert!(data.len() <= self.len, "write of {} elements to a buffer of {}", data.len(), self.len);
+        self.write_at(0, data)
+    }
+
+    /// Copies `data` to the buffer from element `first` on and waits for it.
+    pub fn write_at(&self, first: usize, data: &[T]) -> Result<()> {
+        let fits = first.checked_add(data.len()).is_some_and(|end| end <= self.len);
+        assert!(fits, "write of {} elements at {first} to a buffer of {}", data.len(), self.len);
         if data.is_empty() {
             return Ok(());
         }
@@ -143,7 +149,7 @@ impl<T: Pod> Buffer<T> {
                 self.device.queue(),
                 self.memory,
                 cl3::types::CL_TRUE,
-                0,
+                first * size_of::<T>(),
                 size_of_val(data),
                 data.as_ptr().cast(),
                 0,

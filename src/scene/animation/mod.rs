@@ -4,8 +4,12 @@
 
 mod clip;
 mod curve;
+mod motion;
+mod part;
 mod skeleton;
 
 pub use clip::{Channel, Choice, Clip, ClipInfo, Property, choose};
 pub use curve::{Curve, Interpolation};
-pub use skeleton::{Local, Pose, Skeleton};
+pub use motion::{Instant, Motion};
+pub use part::{Geometry, Part, Skin, Target, Vertices, blended};
+pub use skeleton::{Local, Pose, Skeleton, orientation};

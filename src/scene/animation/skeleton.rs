@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use super::curve::unit;
 use super::{Clip, Property};
@@ -115,6 +115,15 @@ impl Skeleton {
         }
         moving
     }
+}
+
+/// The orientation of a node whose axes may be scaled, mirrored or sheared: -Z and, as far as
+/// possible, +Y point where the node's do.
+pub fn orientation(world: &DMat4) -> DQuat {
+    let back = world.z_axis.truncate().try_normalize().unwrap_or(DVec3::Z);
+    let up = world.y_axis.truncate();
+    let right = up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
+    DQuat::from_mat3(&DMat3::from_cols(right, back.cross(right), back))
 }
 
 #[cfg(test)]

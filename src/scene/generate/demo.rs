@@ -34,13 +34,15 @@ struct Stage {
     glb: Glb,
     materials: Materials,
     nodes: Vec<usize>,
+    /// What turns: its node, its rotation at rest, and seconds for a turn.
+    turning: Vec<(usize, Quat, f32)>,
 }
 
 impl Stage {
     fn new() -> Self {
         let mut glb = Glb::default();
         let materials = Materials::add(&mut glb);
-        Stage { glb, materials, nodes: Vec::new() }
+        Stage { glb, materials, nodes: Vec::new(), turning: Vec::new() }
     }
 
     /// Adds a mesh of shapes with their materials.
@@ -56,6 +58,12 @@ impl Stage {
             "rotation": Quat::from_rotation_y(turn).to_array(), "scale": [scale, scale, scale],
         }));
         self.nodes.push(node);
+    }
+
+    /// Has what was placed last turn about its own +Y, once in so many seconds, which divide 24. At the beginning it is
+    /// as it was placed, so that pictures are the same.
+    fn turn_last(&mut self, rest: Quat, seconds: f32) {
+        self.turning.extend(self.nodes.last().map(|&node| (node, rest, seconds)));
     }
 
     /// Places a mesh.
@@ -82,6 +90,7 @@ impl Stage {
         let root = self.glb.node(json!({
             "name": "courtyard", "children": self.nodes, "rotation": [0.0, FRAC_1_SQRT_2, 0.0, FRAC_1_SQRT_2],
         }));
+        self.glb.turning("curiosities", &self.turning);
         self.glb.finish(&[root])
     }
 }
@@ -89,7 +98,9 @@ impl Stage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::animation::Choice;
     use crate::scene::generate::glb_reader::Read;
+    use crate::scene::{LoadOptions, Scene};
 
     #[test]
     fn the_scene_is_as_large_as_promised_and_always_the_same() {
@@ -98,6 +109,27 @@ mod tests {
         assert!(bytes == generate());
         let triangles = Read::new(&bytes).triangles.len();
         assert!((100_000..=300_000).contains(&triangles), "{triangles}");
+    }
+
+    #[test]
+    fn what_turns_begins_as_it_lies_and_comes_round() {
+        let bytes = generate();
+        let at = |animation: &str, time: f64| {
+            let options = LoadOptions { animation: Choice::new(animation), time, ..LoadOptions::default() };
+            let scene = Scene::from_glb_with(std::path::Path::new("demo"), &bytes, &options).unwrap();
+            assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+            scene.mesh.positions.iter().map(|p| scene.anchor + p.as_dvec3()).collect::<Vec<_>>()
+        };
+        let farthest = |a: &[glam::DVec3], b: &[glam::DVec3]| {
+            a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max)
+        };
+        let rest = at("none", 0.0);
+        for time in [0.0, 24.0, 48.0] {
+            assert!(farthest(&rest, &at("auto", time)) < 1e-5, "{time}");
+        }
+        let turned = at("auto", 3.0);
+        let moved = rest.iter().zip(&turned).filter(|(a, b)| a.distance(**b) > 1e-3).count();
+        assert!(moved > 5000 && farthest(&rest, &turned) < 0.5, "{moved}");
     }
 
     #[test]

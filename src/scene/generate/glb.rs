@@ -1,5 +1,8 @@
 //! A small writer of binary glTF 2.0: what our own scenes need, and no more.
 
+use std::f32::consts::TAU;
+
+use glam::Quat;
 use serde_json::{Value, json};
 
 use super::shapes::Shape;
@@ -23,8 +26,8 @@ pub enum Use {
     Vertices(usize),
     /// Triangle indices.
     Indices,
-    /// A picture.
-    Image,
+    /// A picture, or keys of an animation.
+    Other,
 }
 
 /// How a buffer view is to be read.
@@ -55,6 +58,7 @@ pub struct Glb {
     meshes: Vec<Value>,
     cameras: Vec<Value>,
     nodes: Vec<Value>,
+    animations: Vec<Value>,
     extensions: Vec<(String, bool)>,
 }
 
@@ -77,7 +81,7 @@ impl Glb {
                 view["byteStride"] = json!(stride);
             }
             Use::Indices => view["target"] = json!(34963),
-            Use::Image => {}
+            Use::Other => {}
         }
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);
         push(&mut self.views, view)
@@ -106,7 +110,7 @@ impl Glb {
 
     /// Adds a PNG picture as a texture that repeats; `nearest` shows its texels as squares.
     pub fn texture(&mut self, name: &str, png: &[u8], nearest: bool) -> usize {
-        let view = self.view(Use::Image, |binary| binary.extend_from_slice(png));
+        let view = self.view(Use::Other, |binary| binary.extend_from_slice(png));
         let image = json!({ "name": name, "bufferView": view, "mimeType": "image/png" });
         let image = push(&mut self.images, image);
         let (mag, min) = if nearest { (9728, 9986) } else { (9729, 9987) };
@@ -172,6 +176,42 @@ impl Glb {
         push(&mut self.nodes, node)
     }
 
+    /// Adds an animation in which nodes turn about their own +Y, from the rotations that they have: each once in so many
+    /// seconds, the other way round where these are negative. It is as long as the longest of them, and repeats without
+    /// a jump where that is a multiple of all.
+    pub fn turning(&mut self, name: &str, nodes: &[(usize, Quat, f32)]) {
+        let length = nodes.iter().map(|(_, _, seconds)| seconds.abs()).fold(0.0, f32::max);
+        let (mut samplers, mut channels) = (Vec::new(), Vec::new());
+        for &(node, rest, seconds) in nodes {
+            // Between keys a third of a turn apart the way is plain.
+            let steps = (3.0 * length / seconds.abs()).round() as usize;
+            let share = |step: usize| step as f32 / steps as f32;
+            let times: Vec<f32> = (0..=steps).map(|step| length * share(step)).collect();
+            let angle = |step: usize| TAU * step as f32 / 3.0 * seconds.signum();
+            let turned = |step: usize| (rest * Quat::from_rotation_y(angle(step))).to_array();
+            let turns: Vec<[f32; 4]> = (0..=steps).map(turned).collect();
+            let bounds = Some((vec![0.0], vec![f64::from(length)]));
+            let input = self.keys(bytemuck::cast_slice(&times), times.len(), "SCALAR", bounds);
+            let output = self.keys(bytemuck::cast_slice(&turns), turns.len(), "VEC4", None);
+            channels
+                .push(json!({ "sampler": samplers.len(), "target": { "node": node, "path": "rotation" } }));
+            samplers.push(json!({ "input": input, "output": output }));
+        }
+        let animation = json!({ "name": name, "channels": channels, "samplers": samplers });
+        self.animations.push(animation);
+    }
+
+    fn keys(
+        &mut self,
+        bytes: &[u8],
+        count: usize,
+        kind: &'static str,
+        bounds: Option<(Vec<f64>, Vec<f64>)>,
+    ) -> usize {
+        let view = self.view(Use::Other, |binary| binary.extend_from_slice(bytes));
+        self.accessor(view, Accessor { component: Component::F32, normalized: false, count, kind, bounds })
+    }
+
     /// The file, with one scene of these root nodes. Its size must stay below 4 GiB, glTF's limit.
     pub fn finish(mut self, roots: &[usize]) -> Vec<u8> {
         let mut document = json!({
@@ -190,6 +230,7 @@ impl Glb {
             ("meshes", std::mem::take(&mut self.meshes)),
             ("cameras", std::mem::take(&mut self.cameras)),
             ("nodes", std::mem::take(&mut self.nodes)),
+            ("animations", std::mem::take(&mut self.animations)),
         ];
         // glTF allows no empty lists.
         for (name, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {

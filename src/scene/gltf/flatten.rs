@@ -3,26 +3,45 @@
 use glam::{DMat3, DMat4, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::shape::Shape;
 use super::surface::Surface;
 use super::vectors::{transform_normal, transform_tangent, unit_normals, usable_tangent};
+use crate::scene::animation::{Part, Pose, Vertices};
 use crate::scene::{LeftOut, Mesh};
 
-/// The centre of the world bounds of all instances; the origin when there is nothing.
-pub fn anchor(shapes: &[Shape]) -> DVec3 {
-    let instances: Vec<(&Shape, &DMat4)> =
-        shapes.iter().flat_map(|shape| shape.transforms.iter().map(move |world| (shape, world))).collect();
+/// The centre of the world bounds of all instances in a pose; the origin when there is nothing.
+pub fn anchor(surfaces: &[Surface], pose: &Pose) -> DVec3 {
     let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (low, high) = instances
+    let around = |points: &mut dyn Iterator<Item = DVec3>| {
+        points.filter(|p| p.is_finite()).fold(nothing, |(low, high), p| (low.min(p), high.max(p)))
+    };
+    let (low, high) = instances(surfaces)
         .par_iter()
-        .map(|(shape, world)| {
-            let corners = shape.triangles.iter().flatten().map(|&i| shape.positions[i as usize].as_dvec3());
-            let points = corners.map(|p| world.transform_point3(p)).filter(|p| p.is_finite());
-            points.fold(nothing, |(low, high), p| (low.min(p), high.max(p)))
+        .map(|&(index, instance)| {
+            let (surface, shape) = (&surfaces[index], &surfaces[index].shape);
+            let corners = shape.triangles.iter().flatten().map(|&corner| corner as usize);
+            match (&surface.geometry, &shape.moving) {
+                (Some(geometry), Some(moving)) => {
+                    let (node, local) = &moving.places[instance];
+                    let places = geometry.places(pose, *node, local);
+                    around(&mut corners.map(|i| places[i]))
+                }
+                _ => {
+                    let world = &shape.transforms[instance];
+                    around(&mut corners.map(|i| world.transform_point3(shape.positions[i].as_dvec3())))
+                }
+            }
         })
         .reduce(|| nothing, |a, b| (a.0.min(b.0), a.1.max(b.1)));
     let centre = low * 0.5 + high * 0.5;
     if centre.is_finite() { centre } else { DVec3::ZERO }
+}
+
+/// All instances: the numbers of their surfaces, and theirs among the surface's.
+fn instances(surfaces: &[Surface]) -> Vec<(usize, usize)> {
+    let of = |(index, surface): (usize, &Surface)| {
+        (0..surface.shape.transforms.len()).map(move |instance| (index, instance))
+    };
+    surfaces.iter().enumerate().flat_map(of).collect()
 }
 
 /// A surface of one instance.
@@ -34,10 +53,35 @@ struct Placed<'a> {
     tangents: Vec<Vec4>,
     triangles: Vec<[u32; 3]>,
     dropped: LeftOut,
+    /// What it is as a part of the scene's motion.
+    part: Option<Part>,
 }
 
 impl<'a> Placed<'a> {
-    fn new(surface: &'a Surface, material: u32, world: &DMat4, anchor: DVec3) -> Self {
+    fn new(surface: &'a Surface, material: u32, instance: usize, pose: &Pose, anchor: DVec3) -> Self {
+        match (&surface.geometry, &surface.shape.moving) {
+            (Some(geometry), Some(moving)) => {
+                let (node, local) = moving.places[instance];
+                let part = Part { geometry: geometry.clone(), node, local, vertices: 0..0, triangles: 0..0 };
+                Self::moving(surface, material, part, pose, anchor)
+            }
+            _ => Self::still(surface, material, &surface.shape.transforms[instance], anchor),
+        }
+    }
+
+    fn moving(surface: &'a Surface, material: u32, part: Part, pose: &Pose, anchor: DVec3) -> Self {
+        let geometry = &part.geometry;
+        let mut triangles = geometry.wound(pose, part.node, &part.local);
+        let (vertices, mut dropped) = (part.at(pose, anchor, &triangles), LeftOut::default());
+        if vertices.is_none() {
+            dropped.not_finite += triangles.len();
+            triangles.clear();
+        }
+        let Vertices { positions, normals, tangents } = vertices.unwrap_or_default();
+        Placed { surface, material, positions, normals, tangents, triangles, dropped, part: Some(part) }
+    }
+
+    fn still(surface: &'a Surface, material: u32, world: &DMat4, anchor: DVec3) -> Self {
         let shape = &surface.shape;
         let mut anchor_from_shape = *world;
         anchor_from_shape.w_axis -= anchor.extend(0.0);
@@ -60,35 +104,35 @@ impl<'a> Placed<'a> {
         let tangents = tangents.map(|(tangent, &normal)| usable_tangent(tangent, normal)).collect();
         // No triangle uses these any more.
         positions.iter_mut().filter(|p| !p.is_finite()).for_each(|p| *p = Vec3::ZERO);
-        Placed { surface, material, positions, normals, tangents, triangles, dropped }
+        Placed { surface, material, positions, normals, tangents, triangles, dropped, part: None }
     }
 }
 
-/// Places all instances; `materials` has the material of each surface.
+/// Places all instances in a pose; `materials` has the material of each surface.
 ///
-/// Returns the mesh, the number of instances in it, and the triangles that
-/// have no area or are not finite in single precision relative to the anchor.
-pub fn flatten(surfaces: &[Surface], materials: &[u32], anchor: DVec3) -> (Mesh, usize, LeftOut) {
-    let instances: Vec<(&Surface, u32, &DMat4)> = surfaces
-        .iter()
-        .zip(materials)
-        .flat_map(|(surface, &material)| {
-            surface.shape.transforms.iter().map(move |world| (surface, material, world))
-        })
-        .collect();
-    let placed: Vec<Placed<'_>> = instances
-        .par_iter()
-        .map(|(surface, material, world)| Placed::new(surface, *material, world, anchor))
-        .collect();
+/// Returns the mesh, those of its parts that move, the number of instances in it, and the triangles that
+/// have no area or are not finite in single precision relative to the anchor. What moves comes last.
+pub fn flatten(
+    surfaces: &[Surface],
+    materials: &[u32],
+    pose: &Pose,
+    anchor: DVec3,
+) -> (Mesh, Vec<Part>, usize, LeftOut) {
+    let place = |&(index, instance): &(usize, usize)| {
+        Placed::new(&surfaces[index], materials[index], instance, pose, anchor)
+    };
     let mut dropped = LeftOut::default();
+    let placed: Vec<Placed<'_>> = instances(surfaces).par_iter().map(place).collect();
     placed.iter().for_each(|instance| dropped.add(instance.dropped, 1));
-    let placed: Vec<Placed<'_>> =
+    let mut placed: Vec<Placed<'_>> =
         placed.into_iter().filter(|instance| !instance.triangles.is_empty()).collect();
+    placed.sort_by_key(|instance| instance.part.is_some());
     let count = placed.len();
-    (join(placed), count, dropped)
+    let (mesh, parts) = join(placed);
+    (mesh, parts, count, dropped)
 }
 
-fn join(placed: Vec<Placed<'_>>) -> Mesh {
+fn join(placed: Vec<Placed<'_>>) -> (Mesh, Vec<Part>) {
     let vertices = placed.iter().map(|p| p.positions.len()).sum();
     let triangles = placed.iter().map(|p| p.triangles.len()).sum();
     let has_uvs = [0, 1].map(|slot| placed.iter().any(|p| !p.surface.uvs[slot].is_empty()));
@@ -104,7 +148,9 @@ fn join(placed: Vec<Placed<'_>>) -> Mesh {
         triangles: Vec::with_capacity(triangles),
         materials: Vec::with_capacity(triangles),
     };
+    let mut parts = Vec::new();
     for instance in placed {
+        let first = mesh.triangles.len();
         let base = mesh.positions.len() as u32;
         mesh.positions.extend(instance.positions);
         mesh.normals.extend(instance.normals);
@@ -123,6 +169,11 @@ fn join(placed: Vec<Placed<'_>>) -> Mesh {
         }
         mesh.materials.resize(mesh.materials.len() + instance.triangles.len(), instance.material);
         mesh.triangles.extend(instance.triangles.iter().map(|triangle| triangle.map(|i| base + i)));
+        parts.extend(instance.part.map(|part| Part {
+            vertices: base as usize..mesh.positions.len(),
+            triangles: first..mesh.triangles.len(),
+            ..part
+        }));
     }
-    mesh
+    (mesh, parts)
 }

@@ -23,6 +23,7 @@ mod instances;
 pub(super) mod json;
 mod made;
 mod materials;
+mod moving;
 mod nodes;
 mod placed;
 mod placements;
@@ -33,7 +34,7 @@ mod surface;
 mod tangents;
 mod triangulate;
 mod variants;
-mod vectors;
+pub(super) mod vectors;
 mod weigh;
 
 use std::collections::btree_map::Entry;
@@ -51,11 +52,11 @@ use self::nodes::Nodes;
 use self::placements::{Placement, placements};
 use self::shape::Shape;
 use self::surface::Surface;
-use super::animation::{Clip, ClipInfo, choose};
+use super::animation::{Clip, ClipInfo, Motion, Part, choose};
 use super::options::by_name;
 use super::source::{self, Folder};
 use super::texture::mip_levels;
-use super::{LeftOut, LoadOptions, Outcome, Scene, Texture};
+use super::{LeftOut, Light, LoadOptions, Outcome, Scene, Texture};
 use crate::{Error, Result};
 
 /// A `.glb` cannot be longer, and no sensible `.gltf` is.
@@ -121,7 +122,7 @@ pub(super) fn from_document(
     let mut clips = animations::clips(document, &buffers, budget, &mut warnings)?;
     let (told, playing) = playing(&mut clips, options)?;
     let nodes = Nodes::new(document, chosen_scene(document, options)?, options.scale, playing, options.time)?;
-    let placements = placements(document, &buffers, &nodes, budget, &mut warnings)?;
+    let placements = placements(document, &buffers, &nodes, options, &mut warnings)?;
     buffers.take_accessors(compressed::accessors(document, &buffers, &placements)?);
     let buffers = &buffers;
 
@@ -147,7 +148,6 @@ pub(super) fn from_document(
     let finished: ByMaterial<Finished> =
         drafts.into_iter().map(|(index, draft)| (index, draft.finish(&mut table, &mut warnings))).collect();
 
-    let anchor = flatten::anchor(&shapes);
     let (textures, surfaces) = rayon::join(
         || textures(table, images),
         || {
@@ -158,14 +158,16 @@ pub(super) fn from_document(
         },
     );
     let surfaces = surfaces?;
+    let anchor = flatten::anchor(&surfaces, &nodes.pose);
     let numbers: HashMap<Option<usize>, u32> = finished.keys().copied().zip(0..).collect();
     let material_of: Vec<u32> = surfaces.iter().map(|surface| numbers[&surface.shape.material]).collect();
-    let (mesh, instances, collapsed) = flatten::flatten(&surfaces, &material_of, anchor);
+    let (mesh, parts, instances, collapsed) = flatten::flatten(&surfaces, &material_of, &nodes.pose, anchor);
     dropped.add(collapsed, 1);
 
     let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
     tell_left_out(dropped, lacking, &mut warnings);
-    let lights = placed::lights(document, &nodes, anchor, &mut warnings)?;
+    let placed = placed::lights(document, &nodes, anchor, &mut warnings)?;
+    let motion = options.keeps_motion.then(|| motion(&nodes, parts, &placed, options.time)).flatten();
     let cameras = placed::cameras(document, &nodes, &mut warnings);
     let mut said = HashSet::new();
     warnings.retain(|warning| said.insert(warning.clone()));
@@ -177,16 +179,25 @@ pub(super) fn from_document(
         mesh,
         materials,
         textures,
-        lights,
+        lights: placed.into_iter().map(|(_, light)| light).collect(),
         cameras,
         camera: None,
         animations: told,
+        motion,
         scenes,
         variants,
         instances,
         left_out: dropped,
         warnings,
     })
+}
+
+/// What moves, if anything does.
+fn motion(nodes: &Nodes, parts: Vec<Part>, lights: &[(usize, Light)], start: f64) -> Option<Arc<Motion>> {
+    let lights = lights.iter().enumerate().map(|(index, (node, _))| (index, *node));
+    let lights: Vec<_> = lights.filter(|(_, node)| nodes.moving[*node]).collect();
+    let moves = !parts.is_empty() || !lights.is_empty();
+    moves.then(|| Arc::new(Motion { skeleton: nodes.skeleton.clone(), parts, lights, start }))
 }
 
 /// What is told of each clip, and those that play.

@@ -1,6 +1,6 @@
 //! The node hierarchy: world transforms in double precision, and what the nodes place.
 
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3};
 
 use super::Outcome;
 use super::json::{Document, Node};
@@ -10,6 +10,10 @@ use crate::scene::animation::{Clip, Local, Pose, Skeleton};
 pub struct Nodes {
     /// Where every node of the file is at the instant that is shown, in the scene or not (a joint may be elsewhere).
     pub pose: Pose,
+    /// Where they are at others.
+    pub skeleton: Skeleton,
+    /// Which of them are elsewhere at others.
+    pub moving: Vec<bool>,
     /// The nodes of the scene to show, parents before children.
     pub shown: Vec<usize>,
 }
@@ -38,7 +42,7 @@ impl Nodes {
         starts.sort_unstable();
         starts.dedup();
         let shown = descend(nodes, starts, &visible);
-        Ok(Nodes { pose: skeleton.pose(time), shown })
+        Ok(Nodes { pose: skeleton.pose(time), moving: skeleton.moving(), skeleton, shown })
     }
 }
 
@@ -82,13 +86,4 @@ fn local(node: &Node) -> Local {
             scale: DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
         },
     }
-}
-
-/// The orientation of a node whose axes may be scaled, mirrored or sheared: -Z and, as far as
-/// possible, +Y point where the node's do.
-pub fn orientation(world: &DMat4) -> DQuat {
-    let back = world.z_axis.truncate().try_normalize().unwrap_or(DVec3::Z);
-    let up = world.y_axis.truncate();
-    let right = up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
-    DQuat::from_mat3(&DMat3::from_cols(right, back.cross(right), back))
 }

@@ -5,9 +5,10 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use glam::{DMat4, DVec3, Vec3};
 
 use super::json::{self, Document};
-use super::nodes::{Nodes, orientation};
+use super::nodes::Nodes;
 use super::{Outcome, finite};
 use crate::math::pose::Pose;
+use crate::scene::animation::orientation;
 use crate::scene::{Camera, Light, LightKind};
 
 /// The scene's cameras; world positions are absolute.
@@ -36,13 +37,13 @@ pub fn cameras(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>) -
         .collect()
 }
 
-/// The scene's lights (KHR_lights_punctual), relative to `anchor`.
+/// The scene's lights (KHR_lights_punctual), relative to `anchor`, each with its node.
 pub fn lights(
     document: &Document,
     nodes: &Nodes,
     anchor: DVec3,
     warnings: &mut Vec<String>,
-) -> Outcome<Vec<Light>> {
+) -> Outcome<Vec<(usize, Light)>> {
     let Some(list) = &document.extensions.lights else { return Ok(Vec::new()) };
     let placed = nodes
         .shown
@@ -54,7 +55,7 @@ pub fn lights(
         if !light.position.is_finite() {
             warnings.push(format!("light {index} has no finite position and was left out"));
         } else if light.intensity != Vec3::ZERO {
-            lights.push(light);
+            lights.push((node, light));
         }
     }
     Ok(lights)

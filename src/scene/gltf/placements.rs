@@ -7,10 +7,11 @@ use glam::DMat4;
 use super::Outcome;
 use super::buffers::Buffers;
 use super::instances;
-use super::json::{Document, Primitive};
+use super::json::{Document, Node, Primitive};
+use super::moving::Moving;
 use super::nodes::Nodes;
 use super::triangulate::Mode;
-use crate::scene::budget::Budget;
+use crate::scene::LoadOptions;
 
 /// A primitive in one state of morphing and skinning, and where it is shown.
 #[derive(Clone, Debug)]
@@ -25,6 +26,8 @@ pub struct Placement {
     pub weights: Vec<f64>,
     /// `world_from_mesh` of each instance.
     pub transforms: Vec<DMat4>,
+    /// How it moves, where it does and motion is kept.
+    pub moving: Option<Moving>,
 }
 
 /// Everything that the scene's nodes show and that has triangles.
@@ -32,17 +35,19 @@ pub fn placements(
     document: &Document,
     buffers: &Buffers<'_>,
     nodes: &Nodes,
-    budget: &Budget,
+    options: &LoadOptions,
     warnings: &mut Vec<String>,
 ) -> Outcome<Vec<Placement>> {
     let mut list: Vec<Placement> = Vec::new();
     let mut known: HashMap<_, usize> = HashMap::new();
     let (mut thin, mut without_positions) = (0_usize, 0_usize);
-    budget.plan_triangles(triangles(document, nodes))?;
+    options.budget.plan_triangles(triangles(document, nodes))?;
     for &index in &nodes.shown {
         let node = &document.nodes[index];
         let Some(mesh) = node.mesh else { continue };
-        let worlds = worlds(document, buffers, nodes, index)?;
+        let locals = locals(document, buffers, node, index)?;
+        let worlds: Vec<DMat4> = locals.iter().map(|local| nodes.pose.world[index] * *local).collect();
+        let places = || locals.iter().map(|&local| (index, local));
         for (i, primitive) in document.meshes[mesh.0].primitives.iter().enumerate() {
             let Some(mode) = mode(primitive) else {
                 return Err(format!(
@@ -62,16 +67,27 @@ pub fn placements(
             let moved = nodes.pose.weights.get(&index);
             let own = moved.or(node.weights.as_ref()).filter(|_| !primitive.targets.is_empty());
             let weights_of = own.map(|_| index);
-            let key = (mesh.0, i, skin, weights_of);
+            let moves = options.keeps_motion && moves(document, nodes, index, skin, moved.is_some());
+            let key = (mesh.0, i, skin, weights_of, moves);
             match known.get(&key) {
                 // A skin places its vertices in the world by itself, so that a second node adds nothing.
-                Some(&at) if skin.is_none() => list[at].transforms.extend(&worlds),
+                Some(&at) if skin.is_none() => {
+                    list[at].transforms.extend(&worlds);
+                    list[at].moving.iter_mut().for_each(|moving| moving.places.extend(places()));
+                }
                 Some(_) => {}
                 None => {
                     known.insert(key, list.len());
                     let weights = own.unwrap_or(&document.meshes[mesh.0].weights).clone();
+                    let weights_node = moved.map(|_| index);
+                    let moving = moves.then(|| Moving {
+                        skin,
+                        weights: weights.clone(),
+                        weights_node,
+                        places: places().collect(),
+                    });
                     let transforms = worlds.clone();
-                    list.push(Placement { mesh: mesh.0, primitive: i, skin, weights, transforms });
+                    list.push(Placement { mesh: mesh.0, primitive: i, skin, weights, transforms, moving });
                 }
             }
         }
@@ -87,12 +103,18 @@ pub fn placements(
     Ok(list)
 }
 
-/// `world_from_mesh` of all instances that a node shows.
-fn worlds(document: &Document, buffers: &Buffers<'_>, nodes: &Nodes, node: usize) -> Outcome<Vec<DMat4>> {
-    let world = nodes.pose.world[node];
-    let Some(instances) = &document.nodes[node].extensions.instances else { return Ok(vec![world]) };
-    let places = instances::transforms(document, buffers, node, instances)?;
-    Ok(places.into_iter().map(|place| world * place).collect())
+/// Whether a primitive of a node is elsewhere at other instants.
+fn moves(document: &Document, nodes: &Nodes, node: usize, skin: Option<usize>, morphs: bool) -> bool {
+    let hangs = |skin: usize| document.skins[skin].joints.iter().any(|joint| nodes.moving[joint.0]);
+    morphs || skin.map_or(nodes.moving[node], hangs)
+}
+
+/// `node_from_mesh` of all instances that a node shows.
+fn locals(document: &Document, buffers: &Buffers<'_>, node: &Node, index: usize) -> Outcome<Vec<DMat4>> {
+    match &node.extensions.instances {
+        Some(instances) => instances::transforms(document, buffers, index, instances),
+        None => Ok(vec![DMat4::IDENTITY]),
+    }
 }
 
 /// Triangles of all instances.

@@ -11,6 +11,7 @@ use super::buffers::Buffers;
 use super::json::{Document, Int, Primitive};
 use super::skin::Skin;
 use super::triangulate::{INDEX_TYPES, Mode, triangulate};
+use crate::scene::animation::blended;
 
 /// Component types that KHR_mesh_quantization allows for positions, normals, tangents and texture
 /// coordinates, besides floats.
@@ -141,7 +142,16 @@ impl<'a> Reader<'a> {
 
     /// The skin's matrix at each vertex: the mean of its joints' by weight.
     pub fn blend(&self, primitive: &Primitive, skin: &Skin, source: &[u32]) -> Outcome<Vec<DMat4>> {
-        let mut sums = vec![(DMat4::ZERO, 0.0); source.len()];
+        let (starts, influences) = self.influences(primitive, skin.matrices.len(), source)?;
+        let blend =
+            |range: &[u32]| blended(&skin.matrices, &influences[range[0] as usize..range[1] as usize]);
+        Ok(starts.windows(2).map(blend).collect())
+    }
+
+    /// The joints that each vertex of `source` follows, of so many: where each one's begin in the list and where the
+    /// last one's end, and joints with their shares, which sum to 1. Vertices without any follow the first joint.
+    pub fn influences(&self, primitive: &Primitive, joints: usize, source: &[u32]) -> Outcome<Influences> {
+        let mut sets = Vec::new();
         for set in 0.. {
             let (joints, weights) = (format!("JOINTS_{set}"), format!("WEIGHTS_{set}"));
             let unsigned = [Component::U8, Component::U16];
@@ -150,32 +160,39 @@ impl<'a> Reader<'a> {
             };
             let float = [Component::F32, Component::U8, Component::U16];
             let Some(weights) = self.attribute(&primitive.attributes, &weights, &[4], &float)? else { break };
-            let weights = weights.always_normalized();
-            for ((sum, total), &vertex) in sums.iter_mut().zip(source) {
+            sets.push((joints, weights.always_normalized()));
+        }
+        let (mut starts, mut list) = (Vec::with_capacity(source.len() + 1), Vec::new());
+        for &vertex in source {
+            let first = list.len();
+            starts.push(first as u32);
+            for (joints, weights) in &sets {
                 let pairs = joints
                     .get_indices::<4>(vertex as usize)
                     .into_iter()
                     .zip(weights.get::<4>(vertex as usize));
-                for (joint, weight) in pairs.filter(|&(_, weight)| weight > 0.0 && weight.is_finite()) {
-                    let matrix = skin.matrices.get(joint as usize).ok_or_else(|| {
-                        format!(
-                            "{} refers to joint {joint}, but its skin has only {}; export the scene again",
-                            self.what,
-                            skin.matrices.len()
-                        )
-                    })?;
-                    *sum += *matrix * f64::from(weight);
-                    *total += f64::from(weight);
-                }
+                let counting = pairs.filter(|&(_, weight)| weight > 0.0 && weight.is_finite());
+                list.extend(counting.map(|(joint, weight)| (joint, f64::from(weight))));
+            }
+            if let Some((joint, _)) = list[first..].iter().find(|(joint, _)| *joint as usize >= joints) {
+                return Err(format!(
+                    "{} refers to joint {joint}, but its skin has only {joints}; export the scene again",
+                    self.what
+                ));
+            }
+            let total: f64 = list[first..].iter().map(|(_, weight)| weight).sum();
+            list[first..].iter_mut().for_each(|(_, weight)| *weight /= total);
+            if list.len() == first && joints > 0 {
+                list.push((0, 1.0));
             }
         }
-        let unweighted = skin.matrices.first().copied().unwrap_or(DMat4::IDENTITY);
-        Ok(sums
-            .into_iter()
-            .map(|(sum, total)| if total > 0.0 { sum * (1.0 / total) } else { unweighted })
-            .collect())
+        starts.push(list.len() as u32);
+        Ok((starts, list))
     }
 }
+
+/// Where each vertex's influences begin, and the influences: joints and shares.
+pub type Influences = (Vec<u32>, Vec<(u32, f64)>);
 
 /// One value per vertex of `source`, in parallel.
 pub fn gather<T: Send>(source: &[u32], read: impl Fn(usize) -> T + Sync) -> Vec<T> {

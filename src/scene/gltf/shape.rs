@@ -1,10 +1,11 @@
-//! A primitive's geometry at rest: triangulated, morphed, skinned, without degenerate triangles.
+//! A primitive's geometry at one instant: triangulated, morphed, skinned, without degenerate triangles.
 
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
 
 use super::Outcome;
 use super::buffers::Buffers;
 use super::json::{Document, Primitive};
+use super::moving::Moving;
 use super::nodes::Nodes;
 use super::placements::Placement;
 use super::reader::{QUANTIZED, Reader, gather};
@@ -34,6 +35,10 @@ pub struct Shape {
     pub triangles: Vec<[u32; 3]>,
     /// `world_from_shape` of each instance.
     pub transforms: Vec<DMat4>,
+    /// How it moves; then its vertices are as in the file, neither morphed nor skinned.
+    pub moving: Option<Moving>,
+    /// The file has no normals: each triangle has its own three vertices.
+    pub flat: bool,
     /// Triangles that were left out.
     pub dropped: LeftOut,
 }
@@ -62,15 +67,24 @@ impl Shape {
             colors: None,
             triangles,
             transforms: placement.transforms,
+            moving: placement.moving,
+            flat: false,
             dropped: LeftOut::default(),
         };
-        shape.read_vectors(&reader, primitive, &placement.weights, wants_tangents)?;
-        if let Some(skin) = placement.skin {
+        let is_still = shape.moving.is_none();
+        let weights = if is_still { &placement.weights[..] } else { &[] };
+        shape.read_vectors(&reader, primitive, weights, wants_tangents)?;
+        if let Some(skin) = placement.skin.filter(|_| is_still) {
             let skin = Skin::read(document, buffers, nodes, skin)?;
             shape.bend(&reader, primitive, &skin)?;
         }
-        shape.dropped.filter(&mut shape.triangles, &shape.positions);
-        if shape.normals.is_empty() {
+        match is_still {
+            true => shape.dropped.filter(&mut shape.triangles, &shape.positions),
+            // What has no area now may have some later.
+            false => shape.dropped.filter_finite(&mut shape.triangles, &shape.positions),
+        }
+        shape.flat = shape.normals.is_empty();
+        if shape.flat {
             shape.make_flat();
         }
         shape.normals = unit_normals(&shape.normals, &shape.positions, &shape.triangles);

@@ -1,13 +1,17 @@
 //! A shape with what its finished material reads at each vertex.
 
+use std::sync::Arc;
+
 use glam::{Mat2, Vec2, Vec4};
 
 use super::Outcome;
 use super::buffers::Buffers;
 use super::json::Document;
 use super::materials::Finished;
+use super::moving;
 use super::shape::Shape;
 use super::tangents::generate;
+use crate::scene::animation::Geometry;
 use crate::scene::{Material, TextureRef};
 
 /// A shape, its texture coordinates and its tangents.
@@ -20,6 +24,8 @@ pub struct Surface {
     pub tangents: Vec<Vec4>,
     /// The material reads texture coordinates that the primitive lacks; they are zero.
     pub lacks_uvs: bool,
+    /// What it is made of, where it moves.
+    pub geometry: Option<Arc<Geometry>>,
 }
 
 impl Surface {
@@ -38,7 +44,7 @@ impl Surface {
             uvs[slot] = coordinates.unwrap_or_else(|| vec![Vec2::ZERO; shape.positions.len()]);
         }
         let given = shape.tangents.take();
-        let mut surface = Surface { shape, uvs, tangents: Vec::new(), lacks_uvs };
+        let mut surface = Surface { shape, uvs, tangents: Vec::new(), lacks_uvs, geometry: None };
         match (directed_by(&finished.material), given) {
             (None, _) => {}
             (Some(_), Some(tangents)) => surface.tangents = tangents,
@@ -49,6 +55,10 @@ impl Surface {
                     surface.make_tangents(&uvs);
                 }
             }
+        }
+        if let Some(moving) = &surface.shape.moving {
+            let geometry = moving::geometry(document, buffers, &surface, moving)?;
+            surface.geometry = Some(Arc::new(geometry));
         }
         Ok(surface)
     }

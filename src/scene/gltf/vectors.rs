@@ -21,6 +21,13 @@ impl LeftOut {
         });
     }
 
+    /// Keeps the triangles whose corners are finite, and counts the others.
+    pub fn filter_finite(&mut self, triangles: &mut Vec<[u32; 3]>, positions: &[Vec3]) {
+        let before = triangles.len();
+        triangles.retain(|triangle| triangle.iter().all(|&i| positions[i as usize].is_finite()));
+        self.not_finite += before - triangles.len();
+    }
+
     /// Adds `times` another count.
     pub fn add(&mut self, other: LeftOut, times: usize) {
         self.not_finite += other.not_finite * times;

@@ -7,10 +7,14 @@ use std::path::Path;
 use base64::Engine;
 use foveate::scene::animation::Choice;
 use foveate::scene::{LoadOptions, Scene};
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
 
-use crate::common::{self, builder::Builder, builder::I16, builder::U8};
+use crate::common::{
+    self,
+    builder::Builder,
+    moving::{tube, world},
+};
 
 pub const TRIANGLE: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
@@ -90,120 +94,82 @@ fn a_sample_moves_as_the_gltf_crate_says() {
     assert!((told[0].seconds - 1.25).abs() < 1e-4, "{told:?}");
 }
 
-/// A tube along y whose vertices hang on a chain of joints, some of them morphed, moved in all ways there are.
-fn tube() -> Builder {
-    const JOINTS: usize = 8;
-    const RINGS: usize = 33;
-    const SIDES: usize = 12;
-    let mut builder = Builder::new();
-    let (mut positions, mut joints, mut weights) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut thicker, mut bent) = (Vec::new(), Vec::new());
-    for ring in 0..RINGS {
-        for side in 0..SIDES {
-            let height = ring as f32 / (RINGS - 1) as f32 * JOINTS as f32;
-            let angle = side as f32 / SIDES as f32 * std::f32::consts::TAU;
-            let out = [0.3 * angle.cos(), 0.0, 0.3 * angle.sin()];
-            positions.push([out[0], height, out[2]]);
-            thicker.push(out);
-            bent.push([0.1 * height * height, 0.0, 0.0]);
-            let lower = (height as usize).min(JOINTS - 2);
-            let share = (height - lower as f32).min(1.0);
-            joints.extend([lower as u8, lower as u8 + 1, (lower as u8 + 2) % JOINTS as u8, 0]);
-            weights.push([(1.0 - share) * 0.8, share * 0.8, 0.15, 0.05]);
-        }
-    }
-    let mut indices = Vec::new();
-    for ring in 0..RINGS - 1 {
-        for side in 0..SIDES {
-            let at = |ring: usize, side: usize| (ring * SIDES + side % SIDES) as u16;
-            indices.extend([at(ring, side), at(ring + 1, side), at(ring, side + 1)]);
-            indices.extend([at(ring, side + 1), at(ring + 1, side), at(ring + 1, side + 1)]);
-        }
-    }
-    let bind: Vec<[f32; 16]> = (0..JOINTS)
-        .map(|joint| {
-            DMat4::from_translation(DVec3::new(0.0, -(joint as f64), 0.0)).to_cols_array().map(|v| v as f32)
-        })
-        .collect();
-    let vertices = positions.len();
-    let [positions, thicker, bent] = [positions, thicker, bent].map(|list| builder.floats(&list));
-    let joints = builder.accessor(&joints, U8, "VEC4", vertices);
-    let (weights, bind) = (builder.floats(&weights), builder.floats(&bind));
-    let indices = builder.shorts(&indices);
-    let mesh = builder.push(
-        "meshes",
-        json!({ "weights": [0.2, 0.0], "primitives": [{
-            "attributes": { "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights },
-            "targets": [{ "POSITION": thicker }, { "POSITION": bent }],
-            "indices": indices,
-        }] }),
-    );
-    builder.push("nodes", json!({ "mesh": mesh, "skin": 0, "translation": [50, 60, 70] }));
-    for joint in 0..JOINTS {
-        let children: Vec<usize> = (joint + 1 < JOINTS).then_some(joint + 2).into_iter().collect();
-        let height = if joint == 0 { 0.0 } else { 1.0 };
-        let mut node = json!({ "translation": [0.0, height, 0.0] });
-        if !children.is_empty() {
-            node["children"] = json!(children);
-        }
-        builder.push("nodes", node);
-    }
-    builder.push("skins", json!({ "joints": (1..=JOINTS).collect::<Vec<_>>(), "inverseBindMatrices": bind }));
-    builder.show(0);
-    builder.show(1);
-    builder.json["animations"] = tube_animations(&mut builder);
-    builder
-}
-
-fn tube_animations(builder: &mut Builder) -> Value {
-    let turn = |axis: DVec3, angle: f64| DQuat::from_axis_angle(axis.normalize(), angle);
-    let flat = |q: DQuat| q.to_array().map(|v| v as f32);
-    let short = |q: DQuat| q.to_array().map(|v| (v * 32767.0).round() as i16);
-    let times = builder.floats(&[[0.0], [0.4], [1.0], [1.7]]);
-    let two = builder.floats(&[[0.25], [2.0]]);
-    let swings: Vec<[f32; 4]> =
-        [0.0, 0.5, -0.7, 0.2].map(|angle| flat(turn(DVec3::new(1.0, 0.3, 0.2), angle))).to_vec();
-    let swings = builder.floats(&swings);
-    let shorts: Vec<u8> = [0.3, -0.4, 0.6, 0.1]
-        .iter()
-        .flat_map(|&angle| short(turn(DVec3::Z, angle)))
-        .flat_map(i16::to_le_bytes)
-        .collect();
-    let shorts = builder.accessor(&shorts, I16, "VEC4", 4);
-    builder.json["accessors"][shorts]["normalized"] = json!(true);
-    let splined: Vec<[f32; 4]> = [0.1, -0.8]
-        .iter()
-        .flat_map(|&angle| [[0.2, 0.0, 0.1, -0.1], flat(turn(DVec3::X, angle)), [-0.3, 0.1, 0.0, 0.2]])
-        .collect();
-    let splined = builder.floats(&splined);
-    let moves = builder.floats(&[[0.0, 1.0, 0.0], [0.2, 1.1, 0.0], [0.0, 0.9, 0.3], [0.0, 1.0, 0.0]]);
-    let scales = builder.floats(&[[1.0, 1.0, 1.0], [1.5, 1.0, 0.7]]);
-    let weights = builder.floats(&[[0.0], [0.5], [1.0], [0.0], [0.3], [0.7], [-0.2], [0.1]]);
-    let curves = [
-        (times, swings, "LINEAR", 2, "rotation"),
-        (times, shorts, "LINEAR", 3, "rotation"),
-        (two, splined, "CUBICSPLINE", 4, "rotation"),
-        (times, moves, "LINEAR", 5, "translation"),
-        (two, scales, "STEP", 6, "scale"),
-        (times, weights, "LINEAR", 0, "weights"),
-    ];
-    let samplers: Vec<Value> = curves
-        .iter()
-        .map(|(input, output, kind, ..)| json!({ "input": input, "output": output, "interpolation": kind }))
-        .collect();
-    let channels: Vec<Value> = curves
-        .iter()
-        .enumerate()
-        .map(|(i, (.., node, path))| json!({ "sampler": i, "target": { "node": node, "path": path } }))
-        .collect();
-    json!([{ "name": "Sway", "samplers": samplers, "channels": channels }])
-}
-
 #[test]
 fn skins_and_morph_targets_move_as_the_gltf_crate_says() {
     let folder = tempfile::tempdir().unwrap();
     let path = tube().write_glb(folder.path());
     check(&path, &[0.0, 0.1, 0.25, 0.39, 0.4, 0.8, 1.3, 1.95, 2.0, 2.6, 7.9, -0.5]);
+}
+
+/// A scene that moves on shows at each time what the file shows that is loaded for it.
+#[test]
+fn what_moves_on_is_where_the_file_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut builder = world(true);
+    let light = builder.push("nodes", json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } } }));
+    builder.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [{ "type": "spot" }] } });
+    builder.json["nodes"][3]["children"].as_array_mut().unwrap().push(json!(light));
+    let path = builder.write_glb(folder.path());
+    let options =
+        LoadOptions { animation: Choice::All, time: 0.2, keeps_motion: true, ..LoadOptions::default() };
+    let mut scene = Scene::load_with(&path, &options).unwrap();
+    let motion = scene.motion.clone().unwrap();
+    // The floor stays.
+    assert_eq!((motion.first_triangle(&scene.mesh), motion.parts.len(), motion.lights.len()), (2, 3, 1));
+    let own = motion.own_triangles(&scene.mesh);
+    for time in [0.2, 0.0, 0.9, 1.6, 2.0, 5.3] {
+        motion.at(time, scene.anchor, &own).apply(&motion, &mut scene.mesh, &mut scene.lights);
+        let still = at(&path, "all", time).unwrap();
+        let (mesh, fresh) = (&scene.mesh, &still.mesh);
+        let world =
+            |scene: &Scene, corner: &u32| scene.anchor + scene.mesh.positions[*corner as usize].as_dvec3();
+        assert!(difference(&corners(&scene), &corners(&still)) < 1e-5, "{time}");
+        // Triangle by triangle, since surfaces that touch have several normals at a place.
+        for (triangle, number) in fresh.triangles.iter().zip(0..) {
+            let middle = triangle.iter().map(|corner| world(&still, corner)).sum::<DVec3>() / 3.0;
+            let same = mesh.triangles.iter().find(|t| {
+                (t.iter().map(|corner| world(&scene, corner)).sum::<DVec3>() / 3.0).distance(middle) < 1e-4
+            });
+            let same = same.unwrap_or_else(|| panic!("triangle {number} at {time}"));
+            let normal = |mesh: &foveate::scene::Mesh, t: &[u32; 3]| -> glam::Vec3 {
+                t.iter().map(|&corner| mesh.normals[corner as usize]).sum()
+            };
+            assert!(
+                normal(mesh, same).distance(normal(fresh, triangle)) < 2e-3,
+                "triangle {number} at {time}"
+            );
+        }
+        assert!(
+            scene.lights[0]
+                .position
+                .as_dvec3()
+                .distance(still.lights[0].position.as_dvec3() + still.anchor - scene.anchor)
+                < 1e-5
+        );
+        assert!(scene.lights[0].direction.distance(still.lights[0].direction) < 1e-5);
+    }
+}
+
+/// A part of which something is not finite at an instant stays where it was.
+#[test]
+fn what_is_not_finite_stays() {
+    let builder = moved(|b| {
+        let (input, output) = (b.floats(&[[0.0], [1.0]]), b.floats(&[[1.0; 3], [3e38, 3e38, 3e38]]));
+        b.json["animations"][0]["samplers"][0] = json!({ "input": input, "output": output });
+        b.json["animations"][0]["channels"][0]["target"]["path"] = json!("scale");
+        b.json["nodes"][0]["children"] = json!([1]);
+        b.json["nodes"].as_array_mut().unwrap().push(json!({ "mesh": 0, "scale": [2, 2, 2] }));
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let options = LoadOptions { animation: Choice::All, keeps_motion: true, ..LoadOptions::default() };
+    let mut scene = Scene::load_with(&builder.write_glb(folder.path()), &options).unwrap();
+    let (motion, before) = (scene.motion.clone().unwrap(), scene.mesh.positions.clone());
+    let own = motion.own_triangles(&scene.mesh);
+    let instant = motion.at(1.0, scene.anchor, &own);
+    assert_eq!(instant.parts.iter().filter(|part| part.is_none()).count(), 1);
+    instant.apply(&motion, &mut scene.mesh, &mut scene.lights);
+    assert!(scene.mesh.positions.iter().all(|p| p.is_finite()));
+    assert_eq!(scene.mesh.positions[3..], before[3..]);
 }
 
 /// A triangle that an animation moves; `change` may spoil the document.

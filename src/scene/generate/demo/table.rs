@@ -102,6 +102,7 @@ fn knot(stage: &mut Stage) {
     foot.lathe(&[(0.0, 0.0), (0.12, 0.0), (0.12, 0.03), (0.08, 0.05), (0.05, 0.09), (0.0, 0.1)], 40);
     let mesh = stage.mesh("knot", &[(&shape, stage.materials.gold)]);
     stage.place_turned(mesh, on_table(0.0, 0.0) + Vec3::Y * 0.27, 0.3, 1.0);
+    stage.turn_last(Quat::from_rotation_y(0.3), 24.0);
     let mesh = stage.mesh("knot's foot", &[(&foot, stage.materials.marble)]);
     stage.place(mesh, on_table(0.0, 0.0) + Vec3::Y * 0.004);
 }
@@ -124,7 +125,8 @@ fn wire_globe(stage: &mut Stage) {
     let mut ball = Shape::default();
     ball.sphere(Vec3::ZERO, 0.05, 32);
     let mesh = stage.mesh("wire globe", &[(&wires, stage.materials.brass), (&ball, stage.materials.red)]);
-    stage.place(mesh, on_table(0.42, -0.14) + Vec3::Y * 0.152);
+    stage.place_turned(mesh, on_table(0.42, -0.14) + Vec3::Y * 0.152, 0.0, 1.0);
+    stage.turn_last(Quat::IDENTITY, 8.0);
 }
 
 /// A glazed vase with twigs.
@@ -251,6 +253,7 @@ fn armillary(stage: &mut Stage) {
     column.lathe(&profile, 40);
     let mesh = stage.mesh("armillary", &[(&rings, stage.materials.brass), (&ball, stage.materials.chrome)]);
     stage.place_turned(mesh, Vec3::new(-0.87, 1.22, -1.15), 0.7, 1.0);
+    stage.turn_last(Quat::from_rotation_y(0.7), -12.0);
     let mesh = stage.mesh("pedestal", &[(&column, stage.materials.marble)]);
     stage.place(mesh, Vec3::new(-0.87, 0.0, -1.15));
 }

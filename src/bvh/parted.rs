@@ -1,0 +1,356 @@
+//! A tree over a scene with moving parts: each part has a tree of its own, whose boxes follow its vertices, below a
+//! top that is built anew for every instant. What does not move is one more part, whose tree stays.
+//!
+//! All of them share one list of nodes: the top, at its beginning, has copies of the parts' roots, since children of
+//! one node lie together; after it come the other nodes of the parts, one part after the other.
+
+use std::ops::Range;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::binary::{self, Bounds, Node, Primitive};
+use super::improve::bounds_of;
+use super::refit::extent;
+use super::wide::{EMPTY, LEAF, LeafSlot, WideBvh, WideNode, leaf_range};
+
+/// Parts of a part's tree that one thread looks at, at least.
+const FEW: usize = 64;
+
+/// The tree of one part.
+#[derive(Clone, Debug)]
+pub struct PartTree {
+    root: WideNode,
+    /// All but the root; links are places in the whole tree.
+    pub nodes: Vec<WideNode>,
+    /// Where the first of them is in the whole tree.
+    pub first_node: usize,
+    /// Its triangles, by their numbers in the mesh, in leaf order.
+    pub order: Vec<LeafSlot>,
+    /// Where the first of them is in the whole leaf order.
+    pub first_place: usize,
+}
+
+/// All parts, and the top over them.
+#[derive(Clone, Debug)]
+pub struct Parted {
+    /// The root of what does not move, if anything stays.
+    still: Option<WideNode>,
+    /// The moving parts in the order of the mesh.
+    pub parts: Vec<PartTree>,
+    /// Nodes that the top has room for.
+    pub top: usize,
+    /// Levels of the deepest part.
+    depth: u32,
+}
+
+impl Parted {
+    /// Builds the trees of parts that are the mesh's last triangles, each a range of them, over the tree `still` of
+    /// those before. Returns the whole tree too.
+    pub fn build(
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+        parts: &[Range<usize>],
+        still: WideBvh,
+    ) -> (WideBvh, Parted) {
+        let whole = |range: &Range<usize>| WideBvh::build_whole(positions, &triangles[range.clone()]);
+        let trees: Vec<WideBvh> = parts.par_iter().map(whole).collect();
+        let has_still = !still.order.is_empty();
+        let depth = trees.iter().chain([&still]).map(WideBvh::depth).max().unwrap_or(1);
+        let top = 2 * (parts.len() + usize::from(has_still)).max(1);
+        let mut whole = WideBvh { nodes: vec![WideNode::VACANT; top], order: Vec::new() };
+        let mut still = PartTree::new(still, top, 0, 0);
+        whole.nodes.append(&mut still.nodes);
+        whole.order.append(&mut still.order);
+        let mut parted = Parted { still: has_still.then_some(still.root), parts: Vec::new(), top, depth };
+        for (tree, range) in trees.into_iter().zip(parts) {
+            let part = PartTree::new(tree, whole.nodes.len(), whole.order.len(), range.start);
+            whole.nodes.extend_from_slice(&part.nodes);
+            whole.order.extend_from_slice(&part.order);
+            parted.parts.push(part);
+        }
+        whole.nodes[..top].copy_from_slice(&parted.top_nodes());
+        (whole, parted)
+    }
+
+    /// Levels of the whole tree at most, whatever its parts do.
+    pub fn depth(&self) -> u32 {
+        self.depth + self.levels()
+    }
+
+    /// Levels of the top at most: those of a top that halves its parts by count.
+    fn levels(&self) -> u32 {
+        self.roots().len().max(2).next_power_of_two().ilog2()
+    }
+
+    fn roots(&self) -> Vec<WideNode> {
+        self.still.iter().copied().chain(self.parts.iter().map(|part| part.root)).collect()
+    }
+
+    /// The top where the parts are now: as many nodes as it has room for.
+    pub fn top_nodes(&self) -> Vec<WideNode> {
+        let roots = self.roots();
+        let primitive = |(index, root): (usize, &WideNode)| {
+            let (lower, upper) = extent(root);
+            Primitive { bounds: Bounds { lower, upper }, triangle: index as u32 }
+        };
+        let mut primitives: Vec<Primitive> = roots.iter().enumerate().map(primitive).collect();
+        if primitives.is_empty() {
+            return vec![WideNode::VACANT; self.top];
+        }
+        let (mut nodes, depth) = wide_over(&binary::build(&mut primitives, &|_| ()), &roots);
+        if depth > self.levels() {
+            nodes = wide_over(&binary::halved(&mut primitives, 0), &roots).0;
+        }
+        nodes.resize(self.top, WideNode::VACANT);
+        nodes
+    }
+
+    /// Fits all parts' boxes to where their triangles are now; `corners` tells, of each of them.
+    pub fn refit(&mut self, corners: impl Fn(u32) -> [Vec3; 3] + Sync) {
+        self.parts.par_iter_mut().for_each(|part| part.refit(&corners));
+    }
+}
+
+impl PartTree {
+    /// A tree's nodes and triangles as they are in the whole one.
+    fn new(tree: WideBvh, first_node: usize, first_place: usize, first_triangle: usize) -> Self {
+        let place = |mut node: WideNode| {
+            for child in node.children.iter_mut().filter(|child| **child != EMPTY) {
+                *child = match *child & LEAF {
+                    // The root is elsewhere, and nothing leads to it.
+                    0 => *child - 1 + first_node as u32,
+                    _ => *child + first_place as u32,
+                };
+            }
+            node
+        };
+        let mut nodes = tree.nodes.into_iter().map(place);
+        let root = nodes.next().unwrap_or(WideNode::VACANT);
+        let moved = |slot: LeafSlot| LeafSlot { triangle: slot.triangle + first_triangle as u32, ..slot };
+        PartTree {
+            root,
+            nodes: nodes.collect(),
+            first_node,
+            order: tree.order.into_iter().map(moved).collect(),
+            first_place,
+        }
+    }
+
+    fn refit(&mut self, corners: &(impl Fn(u32) -> [Vec3; 3] + Sync)) {
+        let (order, first_place, first_node) = (&self.order, self.first_place, self.first_node);
+        let fit = |node: &mut WideNode| {
+            let children = node.children;
+            for (slot, child) in children.into_iter().enumerate() {
+                if child == EMPTY || child & LEAF == 0 {
+                    continue;
+                }
+                let (first, count) = leaf_range(child);
+                let triangles = &order[first - first_place..first - first_place + count];
+                let boxes = triangles.iter().map(|slot| bounds_of(&corners(slot.triangle)));
+                let bounds = boxes.fold(Bounds::EMPTY, Bounds::union);
+                node.set(slot, (bounds.lower, bounds.upper), child);
+            }
+        };
+        self.nodes.par_iter_mut().with_min_len(FEW).for_each(fit);
+        fit(&mut self.root);
+        // Children come after their parents, so that from the end on all below a node is done.
+        for index in (0..self.nodes.len()).rev() {
+            let mut node = self.nodes[index];
+            self.follow(&mut node, first_node);
+            self.nodes[index] = node;
+        }
+        let mut root = self.root;
+        self.follow(&mut root, first_node);
+        self.root = root;
+    }
+
+    /// Takes the boxes of the nodes below from these.
+    fn follow(&self, node: &mut WideNode, first_node: usize) {
+        let children = node.children;
+        for (slot, child) in children.into_iter().enumerate().filter(|(_, child)| child & LEAF == 0) {
+            node.set(slot, extent(&self.nodes[child as usize - first_node]), child);
+        }
+    }
+
+    /// Vertex coordinates of its triangles in leaf order, as [`WideBvh::leaf_vertices`] has them, without padding.
+    pub fn leaf_vertices(&self, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Vec<f32> {
+        let mut vertices = vec![0.0; self.order.len() * 9];
+        for (place, slot) in self.order.iter().enumerate() {
+            let first = (place - slot.lane as usize) * 9;
+            for (corner, p) in corners(slot.triangle).into_iter().enumerate() {
+                for axis in 0..3 {
+                    let row = (corner * 3 + axis) * slot.leaf_len as usize;
+                    vertices[first + row + slot.lane as usize] = p[axis];
+                }
+            }
+        }
+        vertices
+    }
+}
+
+/// Eight children a node over a binary tree whose leaves stand for `roots`, and its levels above these.
+fn wide_over(binary: &Node, roots: &[WideNode]) -> (Vec<WideNode>, u32) {
+    let (mut nodes, mut deepest) = (vec![WideNode::VACANT], 0);
+    let mut pending = vec![(binary, 0usize, 1u32)];
+    while let Some((node, wide, depth)) = pending.pop() {
+        deepest = deepest.max(depth);
+        for (slot, child) in eight_below(node).into_iter().enumerate() {
+            let index = nodes.len();
+            match child {
+                Node::Leaf(primitive) => nodes.push(roots[primitive.triangle as usize]),
+                Node::Inner { .. } => {
+                    nodes.push(WideNode::VACANT);
+                    pending.push((child, index, depth + 1));
+                }
+            }
+            let bounds = child.bounds();
+            nodes[wide].set(slot, (bounds.lower, bounds.upper), index as u32);
+        }
+    }
+    (nodes, deepest)
+}
+
+/// Up to eight descendants: the inner one with the largest surface is opened first.
+fn eight_below(node: &Node) -> Vec<&Node> {
+    let mut children = vec![node];
+    while children.len() < 8 {
+        let inner = children.iter().enumerate().filter_map(|(place, child)| match child {
+            Node::Inner { bounds, children, .. } => Some((place, bounds.half_area(), children)),
+            Node::Leaf(_) => None,
+        });
+        let Some((place, _, halves)) = inner.max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
+        children[place] = &halves[0];
+        children.insert(place + 1, &halves[1]);
+    }
+    children
+}
+
+/// A triangle that motion has flattened, with an area again: kernels cannot tell a line or a point from what a ray
+/// meets. Its last corner is moved by `width`, in metres, or by a few roundings where that is more. Others are as
+/// they are.
+pub fn solid(corners: [Vec3; 3], width: f32) -> [Vec3; 3] {
+    let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+    if (b - a).cross(c - a) != DVec3::ZERO {
+        return corners;
+    }
+    let width = f64::from(width).max(a.abs().max(b.abs()).max(c.abs()).max_element() * 1e-6).max(1e-30);
+    // The two that are farthest apart stay a line; the third leaves it.
+    let along = if b != a { b - a } else { c - a };
+    let along = along.try_normalize().unwrap_or(DVec3::X);
+    let (side, b) = (along.any_orthonormal_vector() * width, if b == a { a + along * width } else { b });
+    let c = if c == a || c == b { (a + b) * 0.5 } else { c } + side;
+    [a.as_vec3(), b.as_vec3(), c.as_vec3()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Clusters of triangles around places; the first is what stays.
+    fn clusters(places: &[Vec3], each: usize) -> (Vec<Vec3>, Vec<[u32; 3]>, Vec<Range<usize>>) {
+        let mut state = 5u32;
+        let mut next = || {
+            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            (state >> 8) as f32 / (1 << 24) as f32
+        };
+        let mut positions = Vec::new();
+        for &place in places {
+            for _ in 0..each {
+                let at = place + Vec3::new(next(), next(), next());
+                positions.extend([
+                    at,
+                    at + Vec3::new(next(), 0.1, 0.0) * 0.2,
+                    at + Vec3::new(0.0, next(), 0.1) * 0.2,
+                ]);
+            }
+        }
+        let count = places.len() * each;
+        let triangles = (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let parts = (1..places.len()).map(|part| part * each..(part + 1) * each).collect();
+        (positions, triangles, parts)
+    }
+
+    fn whole_of(whole: &WideBvh, parted: &Parted) -> WideBvh {
+        let mut tree = whole.clone();
+        tree.nodes[..parted.top].copy_from_slice(&parted.top_nodes());
+        for part in &parted.parts {
+            tree.nodes[part.first_node..part.first_node + part.nodes.len()].copy_from_slice(&part.nodes);
+        }
+        tree
+    }
+
+    #[test]
+    fn parts_move_and_the_tree_holds_them() {
+        for (count, each) in [(1, 100), (2, 1), (2, 300), (9, 50), (40, 7), (300, 3)] {
+            let places: Vec<Vec3> =
+                (0..count).map(|i| Vec3::new((i * i % 17) as f32, i as f32, 0.5 * i as f32)).collect();
+            let (positions, triangles, parts) = clusters(&places, each);
+            let still = WideBvh::build(&positions, &triangles[..each]);
+            let (whole, mut parted) = Parted::build(&positions, &triangles, &parts, still);
+            whole.validate(&positions, &triangles).unwrap();
+            let fresh = WideBvh::build(&positions, &triangles).cost().sum();
+            assert!(whole.cost().sum() < 1.6 * fresh + 2.0, "{count}: {:?} {fresh}", whole.cost());
+            assert!(whole.depth() <= parted.depth());
+            // Each part goes a way of its own, through what stays.
+            let moved: Vec<Vec3> = positions
+                .iter()
+                .enumerate()
+                .map(|(i, &p)| match i / (3 * each) {
+                    0 => p,
+                    part => {
+                        glam::Quat::from_rotation_z(part as f32) * (p - places[part])
+                            + places[count - part] * 0.5
+                    }
+                })
+                .collect();
+            let corners = |triangle: u32| triangles[triangle as usize].map(|vertex| moved[vertex as usize]);
+            parted.refit(corners);
+            let tree = whole_of(&whole, &parted);
+            tree.validate(&moved, &triangles).unwrap_or_else(|problem| panic!("{count}: {problem}"));
+            assert!(tree.depth() <= parted.depth(), "{count}: {} {}", tree.depth(), parted.depth());
+            let leaves = tree.leaf_vertices(&moved, &triangles);
+            for part in &parted.parts {
+                let own = part.leaf_vertices(corners);
+                assert_eq!(own, leaves[part.first_place * 9..part.first_place * 9 + own.len()]);
+            }
+            // Compact nodes find children by their order.
+            let inner = |node: &WideNode| {
+                node.children.into_iter().filter(|child| child & LEAF == 0).collect::<Vec<_>>()
+            };
+            for node in &tree.nodes {
+                assert!(inner(node).windows(2).all(|pair| pair[1] == pair[0] + 1));
+            }
+        }
+    }
+
+    #[test]
+    fn scenes_in_which_all_moves_or_nothing_is_are_trees() {
+        let (positions, triangles, _) = clusters(&[Vec3::ZERO, Vec3::X], 20);
+        let nothing = || WideBvh::build(&positions, &[]);
+        let (whole, _) = Parted::build(&positions, &triangles, &[0..20, 20..40], nothing());
+        whole.validate(&positions, &triangles).unwrap();
+        let (empty, _) = Parted::build(&positions, &[], &[], nothing());
+        empty.validate(&positions, &[]).unwrap();
+    }
+
+    #[test]
+    fn flattened_triangles_get_a_little_area() {
+        let p = Vec3::new(3.0, -2.0, 1.0);
+        let lines = [
+            [p; 3],
+            [p, p, p + Vec3::X],
+            [p, p + Vec3::X, p],
+            [p + Vec3::X, p, p],
+            [p, p + Vec3::X, p + 2.0 * Vec3::X],
+        ];
+        for flat in lines {
+            let made = solid(flat, 1e-5);
+            let area = (made[1] - made[0]).as_dvec3().cross((made[2] - made[0]).as_dvec3()).length();
+            assert!(area > 1e-13 && area < 1e-3, "{flat:?}: {area}");
+            assert!(made.iter().zip(flat).all(|(made, was)| made.distance(was) < 1.1), "{flat:?} {made:?}");
+        }
+        let proper = [p, p + Vec3::X, p + Vec3::Y];
+        assert_eq!(solid(proper, 1.0), proper);
+    }
+}

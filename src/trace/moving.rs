@@ -1,0 +1,196 @@
+//! A scene in motion: what its moving parts change of a scene in a device's memory, made once for all devices.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::emitters::MovingEmitters;
+use super::scene_buffers::pack_lights;
+use crate::bvh::compact::compact_nodes;
+use crate::bvh::parted::solid;
+use crate::bvh::{Parted, WideBvh};
+use crate::layout::{self, pack_normal};
+use crate::scene::animation::{Instant, Motion};
+use crate::scene::{Light, Scene, emitters};
+
+/// A scene's moving parts at an instant that goes on.
+#[derive(Debug)]
+pub struct MovingScene {
+    motion: Arc<Motion>,
+    anchor: DVec3,
+    parted: Parted,
+    /// Triangles of each part in terms of its own vertices.
+    own: Vec<Vec<[u32; 3]>>,
+    /// Of the moving triangles, in terms of the moving vertices.
+    triangles: Vec<[u32; 3]>,
+    first_triangle: usize,
+    first_vertex: usize,
+    /// Of the moving vertices.
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    tangents: Vec<[f32; 4]>,
+    /// All of the scene's lights, those first that are asked everywhere.
+    lights: Vec<Light>,
+    order: Vec<usize>,
+    emitters: Option<MovingEmitters>,
+    lit: Option<Lit>,
+    /// How wide triangles are at least that motion has flattened, in metres.
+    width: f32,
+    serial: u64,
+}
+
+/// Everything that differs at an instant from how the scene was packed. Each holds all of it, so that a device which
+/// has missed some needs the newest alone.
+#[derive(Debug, Default)]
+pub struct SceneState {
+    /// Tells one from the next, from 1 on.
+    pub serial: u64,
+    /// The tree's first nodes.
+    pub(super) top: Vec<layout::WideNode>,
+    /// Its nodes from a place on.
+    pub(super) nodes: (usize, Vec<layout::WideNode>),
+    compact: OnceLock<[Vec<layout::CompactNode>; 2]>,
+    /// Vertices in leaf order from a place on.
+    pub(super) leaves: (usize, Vec<f32>),
+    /// Normals and tangents from a vertex on.
+    pub(super) normals: (usize, Vec<u32>),
+    pub(super) tangents: (usize, Vec<[f32; 4]>),
+    /// All punctual lights, where some move.
+    pub(super) lights: Vec<layout::Light>,
+    /// All emitters and the tree over them, where some move.
+    pub(super) emitters: Vec<layout::Emitter>,
+    pub(super) light_nodes: Vec<layout::LightNode>,
+    /// The box around all that is lit, where there are unlit surfaces too.
+    pub(super) lit: Option<[Vec3; 2]>,
+}
+
+/// The box around all that is lit.
+#[derive(Debug)]
+struct Lit {
+    still: Option<[Vec3; 2]>,
+    /// Moving triangles that are lit.
+    moving: Vec<u32>,
+}
+
+impl MovingScene {
+    /// The moving parts of a scene, where it has any, whose trees are `parted` and together `bvh`.
+    pub fn new(scene: &Scene, bvh: &WideBvh, parted: &Parted) -> Option<Self> {
+        let (motion, mesh) = (scene.motion.as_ref()?, &scene.mesh);
+        let (first_vertex, first_triangle) = (motion.first_vertex(mesh), motion.first_triangle(mesh));
+        let relative = |triangle: &[u32; 3]| triangle.map(|vertex| vertex - first_vertex as u32);
+        let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
+        let tangents = if mesh.tangents.is_empty() { &[][..] } else { &mesh.tangents[first_vertex..] };
+        Some(MovingScene {
+            anchor: scene.anchor,
+            parted: parted.clone(),
+            own: motion.own_triangles(mesh),
+            triangles: mesh.triangles[first_triangle..].iter().map(relative).collect(),
+            first_triangle,
+            first_vertex,
+            positions: mesh.positions[first_vertex..].to_vec(),
+            normals: mesh.normals[first_vertex..].to_vec(),
+            tangents: tangents.iter().map(|tangent| tangent.to_array()).collect(),
+            lights: scene.lights.clone(),
+            order: super::emitters::lights_in_order(scene),
+            emitters: MovingEmitters::of(scene, motion, bvh),
+            lit: Lit::of(scene, first_triangle),
+            width: size * 1e-6,
+            serial: 0,
+            motion: motion.clone(),
+        })
+    }
+
+    /// The time for which the scene was loaded, in seconds since its animations began.
+    pub fn start(&self) -> f64 {
+        self.motion.start
+    }
+
+    /// Everything at a time, in seconds since the animations began.
+    pub fn at(&mut self, time: f64) -> SceneState {
+        self.take(&self.motion.at(time, self.anchor, &self.own));
+        let (positions, triangles) = (&self.positions, &self.triangles);
+        let (first_triangle, width) = (self.first_triangle as u32, self.width);
+        let corners = |triangle: u32| {
+            let own = triangles[(triangle - first_triangle) as usize];
+            solid(own.map(|vertex| positions[vertex as usize]), width)
+        };
+        self.parted.refit(corners);
+        let parts = &self.parted.parts;
+        let (first_node, first_place) =
+            parts.first().map_or((0, 0), |part| (part.first_node, part.first_place));
+        let leaves: Vec<Vec<f32>> = parts.par_iter().map(|part| part.leaf_vertices(corners)).collect();
+        let (emitters, light_nodes) = match &mut self.emitters {
+            Some(emitters) => emitters.at(corners, &self.lights),
+            None => Default::default(),
+        };
+        self.serial += 1;
+        SceneState {
+            serial: self.serial,
+            top: self.parted.top_nodes(),
+            nodes: (first_node, parts.iter().flat_map(|part| &part.nodes).copied().collect()),
+            compact: OnceLock::new(),
+            leaves: (first_place * 9, leaves.concat()),
+            normals: (self.first_vertex, self.normals.iter().map(|n| pack_normal(n.to_array())).collect()),
+            tangents: (self.first_vertex, self.tangents.clone()),
+            lights: if self.motion.lights.is_empty() {
+                Vec::new()
+            } else {
+                pack_lights(&self.lights, &self.order)
+            },
+            emitters,
+            light_nodes,
+            lit: self.lit.as_ref().and_then(|lit| lit.bounds(corners)),
+        }
+    }
+
+    /// Takes an instant's vertices and lights in.
+    fn take(&mut self, instant: &Instant) {
+        let first = self.first_vertex;
+        for (part, vertices) in self.motion.parts.iter().zip(&instant.parts) {
+            // What is not finite stays where it was.
+            let Some(vertices) = vertices else { continue };
+            let range = part.vertices.start - first..part.vertices.end - first;
+            self.positions[range.clone()].copy_from_slice(&vertices.positions);
+            self.normals[range.clone()].copy_from_slice(&vertices.normals);
+            let all = self.tangents.get_mut(range).into_iter().flatten();
+            all.zip(&vertices.tangents).for_each(|(to, tangent)| *to = tangent.to_array());
+        }
+        for (&(light, _), placed) in self.motion.lights.iter().zip(&instant.lights) {
+            if let Some((position, direction)) = *placed {
+                (self.lights[light].position, self.lights[light].direction) = (position, direction);
+            }
+        }
+    }
+}
+
+impl SceneState {
+    /// The compact forms of the top and of the other nodes, made for the first device that asks.
+    pub(super) fn compact(&self) -> &[Vec<layout::CompactNode>; 2] {
+        self.compact.get_or_init(|| [compact_nodes(&self.top), compact_nodes(&self.nodes.1)])
+    }
+}
+
+impl Lit {
+    /// None where all or nothing is lit.
+    fn of(scene: &Scene, first_triangle: usize) -> Option<Self> {
+        emitters::lit_bounds(scene)?;
+        let mesh = &scene.mesh;
+        let is_lit = |triangle: &usize| !scene.materials[mesh.materials[*triangle] as usize].unlit;
+        let still = (0..first_triangle).filter(is_lit);
+        let corners = still.flat_map(|triangle| mesh.triangles[triangle]).map(|v| mesh.positions[v as usize]);
+        Some(Lit {
+            still: corners.map(|p| [p, p]).reduce(both),
+            moving: (first_triangle..mesh.triangles.len()).filter(is_lit).map(|t| t as u32).collect(),
+        })
+    }
+
+    fn bounds(&self, corners: impl Fn(u32) -> [Vec3; 3]) -> Option<[Vec3; 2]> {
+        let moving = self.moving.iter().flat_map(|&triangle| corners(triangle)).map(|p| [p, p]);
+        moving.chain(self.still).reduce(both)
+    }
+}
+
+fn both(a: [Vec3; 2], b: [Vec3; 2]) -> [Vec3; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}

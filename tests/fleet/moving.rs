@@ -1,0 +1,146 @@
+//! Scenes that move: each frame shows its instant, on every device the same.
+
+use std::path::Path;
+
+use foveate::bvh::WideBvh;
+use foveate::config::{Config, Indirect, Method};
+use foveate::frame::{Loaded, Output, Plan, Renderer};
+use foveate::gpu::opencl::Device;
+use foveate::gpu::vulkan::Context;
+use foveate::math::pose::Pose;
+use foveate::math::view::{FieldOfView, View};
+use glam::DVec3;
+
+use crate::common::moving::world;
+use crate::{HEIGHT, WIDTH, config, halves, machine};
+
+fn plan() -> Plan {
+    let world_from_eye = Pose::look_at(DVec3::new(1.5, 5.0, 13.0), DVec3::new(1.5, 2.0, 0.0));
+    let fov = FieldOfView::symmetric(60f64.to_radians(), f64::from(WIDTH) / f64::from(HEIGHT));
+    Plan::mono(View { world_from_eye, fov, width: WIDTH, height: HEIGHT })
+}
+
+fn settings(time: f64) -> Config {
+    let mut config = config(Method::Guided).without_reuse();
+    (config.scene.animation, config.scene.time) = ("all".into(), time);
+    config.environment.sun_elevation = 50.0;
+    config
+}
+
+/// The picture as floats, and the depth of each pixel.
+fn seen(renderer: &mut Renderer) -> (Vec<f32>, Vec<f32>) {
+    renderer.frame(&plan(), &[], 3).unwrap();
+    (bytemuck::cast_slice(&renderer.picture().unwrap()).to_vec(), renderer.depths(0))
+}
+
+/// The share of values that differ by more than a thousandth.
+fn differing(a: &[f32], b: &[f32]) -> f64 {
+    assert!(!a.is_empty() && a.len() == b.len());
+    let differ = a.iter().zip(b).filter(|(a, b)| (*a - *b).abs() > 1e-3 * a.abs().max(b.abs()).max(0.01));
+    differ.count() as f64 / a.len() as f64
+}
+
+fn mean(picture: &[f32]) -> f64 {
+    picture.iter().map(|&v| f64::from(v)).sum::<f64>() / picture.len() as f64
+}
+
+fn moving(path: &Path, device: &Device, context: &Context, config: &Config) -> Renderer {
+    let loaded = Loaded::moving_from_file(path, config).unwrap();
+    assert!(loaded.scene.motion.is_some() && loaded.parted.is_some());
+    Renderer::new(device, context, &loaded, config, Output::Radiance).unwrap().0
+}
+
+fn still(path: &Path, device: &Device, context: &Context, config: &Config) -> Renderer {
+    let loaded = Loaded::from_file(path, config).unwrap();
+    assert!(loaded.scene.motion.is_none() && loaded.parted.is_none());
+    Renderer::new(device, context, &loaded, config, Output::Radiance).unwrap().0
+}
+
+#[test]
+fn a_frame_shows_what_a_fresh_picture_of_its_instant_shows() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(false).write_glb(folder.path());
+    // What a cache has kept of earlier frames is meant to differ.
+    let settings = |time| {
+        let mut config = settings(time);
+        config.trace.indirect = Indirect::Paths;
+        config
+    };
+    let mut renderer = moving(&path, &device, &context, &settings(0.3));
+    let mut before: Vec<f32> = Vec::new();
+    // Times since the beginning, which was at 0.3 s.
+    for time in [0.0, 0.6, 1.45, 4.0] {
+        renderer.show_at(time);
+        let (picture, depths) = seen(&mut renderer);
+        let (truth, right) = seen(&mut still(&path, &device, &context, &settings(0.3 + time)));
+        assert!(depths.iter().filter(|&&d| d > 0.0).count() > depths.len() / 3);
+        let off = [differing(&depths, &right), differing(&picture, &truth)];
+        assert!(off[0] < 2e-3 && off[1] < 1e-2, "{time}: {off:?}");
+        assert!(before.is_empty() || differing(&before, &depths) > 0.01, "nothing has moved");
+        before = depths;
+    }
+}
+
+#[test]
+fn lamps_that_move_light_what_they_come_to() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(true).write_glb(folder.path());
+    let mut renderer = moving(&path, &device, &context, &settings(0.3));
+    for time in [0.0, 1.5] {
+        renderer.show_at(time);
+        renderer.light_ahead(96);
+        let (picture, _) = seen(&mut renderer);
+        let mut fresh = still(&path, &device, &context, &settings(0.3 + time));
+        fresh.light_ahead(96);
+        let (truth, _) = seen(&mut fresh);
+        // Random numbers meet other emitters where trees differ: noise differs, light does not.
+        let halves = [0..picture.len() / 2, picture.len() / 2..picture.len()];
+        for half in halves {
+            let (is, should) = (mean(&picture[half.clone()]), mean(&truth[half]));
+            assert!((is / should - 1.0).abs() < 0.03, "{time}: {is} {should}");
+        }
+    }
+}
+
+#[test]
+fn pictures_of_what_moves_do_not_depend_on_how_they_are_split() {
+    let Some((info, context)) = machine() else { return };
+    let Some(parts) = halves(&info) else { return };
+    let whole = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(true).write_glb(folder.path());
+    let mut config = settings(0.0);
+    config.time.reuse = true;
+    let loaded = Loaded::moving_from_file(&path, &config).unwrap();
+    let devices = |devices: &[Device]| {
+        let made = Renderer::with_devices(devices, &context, &loaded, &config, Output::Display);
+        let mut renderer = made.unwrap().0;
+        let frames = (0..5u32).map(|frame| {
+            renderer.show_at(f64::from(frame) * 0.2);
+            let report = renderer.frame(&plan(), &[], frame).unwrap();
+            assert!(report.devices.iter().all(|device| device.samples > 0));
+            renderer.picture().unwrap()
+        });
+        frames.collect::<Vec<_>>()
+    };
+    let (one, two) = (devices(std::slice::from_ref(&whole)), devices(&parts));
+    assert!(one[0] != one[4], "nothing has moved");
+    for (frame, (one, two)) in one.iter().zip(&two).enumerate() {
+        assert!(one == two, "frame {frame} differs");
+    }
+}
+
+#[test]
+fn trees_of_a_moving_scene_are_sound() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(true).write_glb(folder.path());
+    let loaded = Loaded::moving_from_file(&path, &settings(0.0)).unwrap();
+    let mesh = &loaded.scene.mesh;
+    loaded.bvh.validate(&mesh.positions, &mesh.triangles).unwrap();
+    let fresh = WideBvh::build(&mesh.positions, &mesh.triangles);
+    assert!(loaded.bvh.cost().sum() < 1.6 * fresh.cost().sum() + 2.0);
+}
