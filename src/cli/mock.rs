@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec2;
+use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::machine::Machine;
@@ -11,11 +12,13 @@ use super::output::{self, RenderSummary};
 use super::render;
 use crate::config::{Config, Layers, Stereo, TargetMs, ViewConfig};
 use crate::error::{Error, Result};
-use crate::frame::budget;
+use crate::frame::budget::{self, Controller};
 use crate::frame::log::{FrameLog, FrameRecord};
-use crate::frame::{FrameReport, Loaded, Output, Plan, Step};
-use crate::headset::mock::{PictureSink, Profile, Script};
+use crate::frame::{FrameReport, Loaded, Output, Step};
+use crate::headset::mock::{MockHeadset, PictureSink, Profile, Script};
+use crate::headset::{Fault, Keys, Outcome};
 use crate::math::pose::Pose;
+use crate::session::{FrameLoop, Link, Observer, Rig, Shown};
 use crate::{progress, whole_file};
 
 /// Arguments of `foveate mock`.
@@ -157,94 +160,78 @@ impl Session<'_> {
     /// # Errors
     /// Where a device fails or a file cannot be written.
     pub fn run(&self, frames: impl Fn(f64) -> u32, seconds: f64) -> Result<Summary> {
-        let profile = &self.profile;
+        self.make(frames, seconds).map_err(Fault::into_error)
+    }
+
+    fn make(&self, frames: impl Fn(f64) -> u32, seconds: f64) -> Outcome<Summary> {
         let (mut renderer, steps) = self.machine.renderer(self.loaded, self.config, Output::Display)?;
-        let reach = reach(self.loaded);
-        let script = |seconds| match self.still {
+        let script = match self.still {
             true => Script::still(self.rest, DVec2::splat(0.5)),
-            false => Script::demo(self.rest, seconds).with_reach(reach),
+            false => Script::demo(self.rest, seconds).with_reach(reach(self.loaded)),
         };
+        let mono = self.config.view.stereo == Stereo::Mono;
+        let mut headset = MockHeadset::new(&self.machine.context, self.profile, mono, script, seconds)?;
+        let mut frame_loop =
+            FrameLoop::new(self.config, &self.loaded.scene, Rig::in_place(), self.gaze, None);
+        let mut ledger = Ledger::default();
 
-        let mut controller = budget::controller(self.config, Some(1e3 / profile.refresh_hz))?;
-        if let Some(controller) = &controller {
-            renderer.apply(&controller.config(self.config))?;
-        }
-        if let Some(controller) = &mut controller {
-            output::print_warnings(&controller.take_notes());
-        }
-
-        // Drivers finish building kernels at their first launch: one frame that does not count.
-        let first_plan = self.plan(profile, script(seconds).head_at(0.0))?;
         let warming = progress::step("first frames, for which drivers finish their kernels");
-        renderer.frame(&first_plan, &[], self.config.trace.seed)?;
-        let warm = renderer.frame(&first_plan, &[], self.config.trace.seed)?;
+        let mut link = Link { headset: &mut headset, draw: &mut renderer, observer: &mut ledger };
+        let warm = frame_loop.warm_up(&mut link, 2)?;
         drop(warming);
-        if let Some(controller) = &mut controller {
-            controller.observe(warm.frame_ms, warm.pattern_ms);
-        }
         renderer.forget();
-        output::print_warnings(&renderer.take_notes());
         let count = frames(warm.frame_ms).max(1);
+        renderer.meter().set_pace(seconds / f64::from(count));
 
         // Nothing of an earlier run is replaced before this one has shown that it works.
-        let mut sink = PictureSink::create(self.out)?;
-        let mut log = FrameLog::create(self.out.join("frames.jsonl"))?;
-        let script = script(seconds);
-        let bar = output::progress(count.into(), "frames");
-        let (mut reports, mut over) = (Vec::new(), 0);
-        renderer.meter().set_pace(seconds / f64::from(count));
-        for frame in 0..count {
-            let time = seconds * f64::from(frame) / f64::from(count);
-            let (head, gaze) = (script.head_at(time), self.gaze.unwrap_or_else(|| script.gaze_at(time)));
-            let plan = self.plan(profile, head)?;
-            renderer.show_at(time);
-            let seed = self.config.trace.seed.wrapping_add(frame);
-            let held = controller.as_ref().map(budget::Controller::held);
-            if let Some(controller) = &controller {
-                renderer.apply(&controller.config(self.config))?;
-            }
-            let report = renderer.frame(&plan, &plan.gaze_points(gaze), seed)?;
-            if let Some(controller) = &mut controller {
-                controller.observe(report.frame_ms, report.pattern_ms);
-                output::print_warnings(&controller.take_notes());
-                let target = held.and_then(|held| held.target_ms);
-                over += usize::from(target.is_some_and(|target| report.frame_ms > target));
-            }
-            output::print_warnings(&renderer.take_notes());
-            sink.push(frame as usize, plan.width, plan.height, renderer.picture()?)?;
-            log.push(&FrameRecord { budget: held, ..record(frame, time, &plan, &report, gaze, head) })?;
-            reports.push(report);
-            bar.inc(1);
-        }
-        bar.finish_and_clear();
-        let files = sink.finish()?;
+        headset.show(count, PictureSink::create(self.out)?);
+        ledger.log = Some(FrameLog::create(self.out.join("frames.jsonl"))?);
+        ledger.bar = Some(output::progress(count.into(), "frames"));
+        let mut link = Link { headset: &mut headset, draw: &mut renderer, observer: &mut ledger };
+        while frame_loop.step(&mut link, &Keys::default())? {}
+        ledger.bar.take().iter().for_each(ProgressBar::finish_and_clear);
+        let size = headset.size();
+        let files = headset.finish()?.expect("pictures were to be shown");
         let steps: Vec<Step> = self.loaded.steps.iter().chain(&steps).copied().collect();
-        let render = RenderSummary::of(&reports).about(&first_plan, self.machine, &renderer, &steps);
+        let render = RenderSummary::of(&ledger.reports).about(size, self.machine, &renderer, &steps);
+        let held = frame_loop.controller().map(Controller::held);
         Ok(Summary {
             fps: 1e3 / render.frame_ms.p50,
             render,
-            presenter: format!("mock headset ({})", profile.name),
-            budget: controller.map(|c| BudgetSummary { held: c.held(), frames_over: over }),
+            presenter: format!("mock headset ({})", self.profile.name),
+            budget: held.map(|held| BudgetSummary { held, frames_over: ledger.over }),
             out: self.out.display().to_string(),
             contact_sheet: files.contact_sheet.map(|path| path.display().to_string()),
             preview: files.preview.map(|path| path.display().to_string()),
         })
     }
-
-    fn plan(&self, profile: &Profile, head: Pose) -> Result<Plan> {
-        Plan::stereo(profile.views(head), self.config.view.stereo)
-    }
 }
 
-fn record(frame: u32, time: f64, plan: &Plan, report: &FrameReport, gaze: DVec2, head: Pose) -> FrameRecord {
-    FrameRecord {
-        frame: frame.into(),
-        display_time_s: time,
-        pixels: u64::from(plan.width) * u64::from(plan.height),
-        gaze,
-        head_position: head.position,
-        head_orientation: head.rotation,
-        ..FrameRecord::of(report)
+/// What is kept of a run's frames.
+#[derive(Default)]
+struct Ledger {
+    log: Option<FrameLog>,
+    bar: Option<ProgressBar>,
+    reports: Vec<FrameReport>,
+    /// Frames that took longer than they may.
+    over: usize,
+}
+
+impl Observer for Ledger {
+    fn note(&mut self, sentence: &str) {
+        output::print_warnings(&[sentence.to_string()]);
+    }
+
+    fn shown(&mut self, shown: Shown) -> Result<()> {
+        let target = shown.held.and_then(|held| held.target_ms);
+        self.over += usize::from(target.is_some_and(|target| shown.report.frame_ms > target));
+        if let Some(log) = &mut self.log {
+            // Poses are those of a script, for whatever time they are asked.
+            log.push(&FrameRecord { pose_age_ms: None, ..shown.record() })?;
+        }
+        self.bar.iter().for_each(|bar| bar.inc(1));
+        self.reports.push(shown.report);
+        Ok(())
     }
 }
 

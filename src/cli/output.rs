@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::machine::Machine;
 use crate::error::{Error, Result};
-use crate::frame::{FrameReport, Plan, Renderer, StageMs, Step};
+use crate::frame::{FrameReport, Renderer, StageMs, Step};
 use crate::metrics::stats::percentile;
 
 /// Median and 99th percentile, in milliseconds.
@@ -97,10 +97,16 @@ impl RenderSummary {
         }
     }
 
-    /// Adds what was rendered on what.
-    pub fn about(mut self, plan: &Plan, machine: &Machine, renderer: &Renderer, steps: &[Step]) -> Self {
-        (self.width, self.height) = (plan.width, plan.height);
-        self.pixels = plan.width as usize * plan.height as usize;
+    /// Adds what was rendered on what; width and height are those of the whole picture.
+    pub fn about(
+        mut self,
+        (width, height): (u32, u32),
+        machine: &Machine,
+        renderer: &Renderer,
+        steps: &[Step],
+    ) -> Self {
+        (self.width, self.height) = (width, height);
+        self.pixels = width as usize * height as usize;
         self.device = machine.device.info().name.clone();
         for (device, name) in self.devices.iter_mut().zip(renderer.fleet().names()) {
             device.name = name.to_string();

@@ -225,7 +225,7 @@ fn report(
     frames: &[FrameReport],
     steps: &[Step],
 ) -> Result<()> {
-    let render = RenderSummary::of(frames).about(plan, machine, renderer, steps);
+    let render = RenderSummary::of(frames).about((plan.width, plan.height), machine, renderer, steps);
     if args.options.config.json {
         return output::print_json(&Summary {
             render,

@@ -1,9 +1,7 @@
 //! `foveate run`: a scene in the headset of the active OpenXR runtime.
 
-mod frames;
 mod keys;
 mod present;
-mod rig;
 mod stats;
 mod terminal;
 mod watchdog;
@@ -18,7 +16,8 @@ use super::options::{Options, RenderOptions, SpeedFlag};
 use super::output;
 use crate::config::{Config, Layers, Stereo};
 use crate::error::{Error, Result};
-use crate::headset::openxr::{Fault, Runtime};
+use crate::headset::Fault;
+use crate::headset::openxr::Runtime;
 use crate::scene::Scene;
 
 pub use present::Presentation;

@@ -1,9 +1,12 @@
 //! What is traced for a headset's views, and which parts of it become which view's picture.
 
+use std::sync::Arc;
+
 use glam::DVec2;
 
 use crate::config::Stereo;
 use crate::error::{Error, Result};
+use crate::foveation::BitMask;
 use crate::frame::Plan;
 use crate::math::view::View;
 
@@ -23,6 +26,8 @@ pub struct Traced {
     pub view: View,
     /// Where it is sharp.
     pub fovea: FoveaPoint,
+    /// Pixels of it that nobody sees.
+    pub hidden: Option<Arc<BitMask>>,
     /// The pictures that it becomes.
     pub parts: Vec<Part>,
 }
@@ -61,7 +66,7 @@ impl Traced {
                 }
                 let part = |view| Part { view, source: [0, 0], size: size(first) };
                 let parts = (0..views.len()).map(part).collect();
-                Ok(vec![Traced { view: *first, fovea: fovea[0], parts }])
+                Ok(vec![Traced { view: *first, fovea: fovea[0], hidden: None, parts }])
             }
             (Stereo::Shared, [left, right]) => {
                 let plan = Plan::stereo([*left, *right], Stereo::Shared)?;
@@ -73,7 +78,7 @@ impl Traced {
                 };
                 let point = plan.gaze_points(fovea[0].point)[0];
                 let parts = cuts.iter().enumerate().map(part).collect();
-                Ok(vec![Traced { view: *view, fovea: FoveaPoint { point, ..fovea[0] }, parts }])
+                Ok(vec![Traced { view: *view, fovea: FoveaPoint { point, ..fovea[0] }, hidden: None, parts }])
             }
             _ => Err(per_eye("it has more than two views")),
         }
@@ -82,12 +87,15 @@ impl Traced {
     fn alone(index: usize, view: &View, fovea: FoveaPoint, margin: f64) -> Traced {
         let pixels = |size: u32| (f64::from(size) * margin).ceil() as u32;
         let margin = [pixels(view.width), pixels(view.height)];
+        let parts = vec![Part { view: index, source: margin, size: size(view) }];
+        if margin == [0, 0] {
+            return Traced { view: *view, fovea, hidden: None, parts };
+        }
         let larger = view.with_margin(margin);
         let scale = |view: &View| DVec2::new(f64::from(view.width), f64::from(view.height));
         let added = (scale(&larger) - scale(view)) * 0.5;
         let point = (fovea.point * scale(view) + added) / scale(&larger);
-        let parts = vec![Part { view: index, source: margin, size: size(view) }];
-        Traced { view: larger, fovea: FoveaPoint { point, ..fovea }, parts }
+        Traced { view: larger, fovea: FoveaPoint { point, ..fovea }, hidden: None, parts }
     }
 }
 

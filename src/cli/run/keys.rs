@@ -4,6 +4,8 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
+use crate::headset::Keys;
+
 /// Terminals tell presses and repeats, and no releases: a key counts as held for so long after its last press.
 /// Repeats come faster than that.
 const HELD: Duration = Duration::from_millis(150);
@@ -15,23 +17,6 @@ const LONGEST: usize = 32;
 /// Which keys there are, for the line that the program greets with.
 pub const HELP: &str =
     "WASD, Q and E walk, arrows turn, R goes back to the start, L holds the exposure, Escape or Ctrl-C ends";
-
-/// What keys ask for now.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Keys {
-    /// To go: right, up and backwards, each -1 to 1.
-    pub go: DVec3,
-    /// To turn: right is positive, -1 to 1.
-    pub turn: f64,
-    /// Three times as fast.
-    pub hurry: bool,
-    /// Back to the start, facing ahead; once for each press.
-    pub recentre: bool,
-    /// Automatic exposure stays as it is, or follows again; once for each press.
-    pub lock_exposure: bool,
-    /// The end.
-    pub leave: bool,
-}
 
 /// What a key does as long as it is held.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,21 +8,20 @@ use std::time::{Duration, Instant};
 
 use glam::DVec2;
 
-use super::keys::{self, Keys};
-use super::rig::Rig;
-use super::takes_insets;
+use super::stats::ViewSummary;
 use super::terminal::Terminal;
 use super::watchdog::{SILENCE, Watchdog};
+use super::{keys, takes_insets};
 use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
 use crate::config::{Config, HeadsetConfig, Method};
 use crate::error::Result;
-use crate::frame::budget::Controller;
 use crate::frame::log::FrameLog;
 use crate::frame::{Loaded, Output, Renderer};
-use crate::headset::openxr::{self, Fault, Next, Options, Outcome, Runtime, Session};
+use crate::headset::openxr::{self, Options, Runtime, Session};
+use crate::headset::{Fault, Headset, Keys, Outcome};
 use crate::math::pose::Pose;
-use crate::session::Pace;
+use crate::session::{FrameLoop, Link, Observer, Rig, Shown};
 
 /// How often a runtime that is gone is looked for.
 const RETRY: Duration = Duration::from_millis(500);
@@ -74,47 +73,41 @@ pub fn find(insets: bool, stop: &AtomicBool) -> Option<Runtime> {
 }
 
 /// What stays while sessions come and go.
-pub(super) struct Stage {
-    pub(super) runtime: Runtime,
-    pub(super) machine: Machine,
-    pub(super) renderer: Renderer,
+struct Stage {
+    runtime: Runtime,
+    machine: Machine,
+    renderer: Renderer,
 }
 
 /// What stays while runtimes come and go.
-pub(super) struct Run<'w> {
-    pub(super) watch: &'w Watchdog,
-    pub(super) rig: Rig,
+struct Run<'a> {
+    frame_loop: FrameLoop<'a>,
     /// The terminal's keys, where it has them for us.
     keyboard: Option<Terminal>,
-    /// Holds the frame time, where one is asked for, once the display's period is known.
-    pub(super) controller: Option<Controller>,
+    teller: Teller<'a>,
+}
+
+/// Tells the operator, and writes down, what is done.
+struct Teller<'w> {
+    watch: &'w Watchdog,
     /// Where each picture is written down.
-    pub(super) log: Option<FrameLog>,
-    /// How long frames take, and for which time poses are asked.
-    pub(super) pace: Pace,
-    /// When what was shown first was seen, by the session's clock in nanoseconds: animations begin then.
-    pub(super) begun: Option<i64>,
+    log: Option<FrameLog>,
     /// When the last picture was shown, or it was told why none is.
-    pub(super) shown: Instant,
+    shown: Instant,
     /// What was told last of why none is shown.
-    pub(super) dark: &'static str,
+    dark: &'static str,
     /// Sentences that were told, of what goes on without something.
     noted: BTreeSet<String>,
 }
 
-impl Run<'_> {
+impl Teller<'_> {
     /// Pictures so far.
-    pub(super) fn frames(&self) -> u64 {
+    fn frames(&self) -> u64 {
         self.watch.report().stats.frames
     }
 
-    /// Says what goes on without something, each once, and why no picture is shown where that lasts.
-    fn tell(&mut self, session: &mut Session) {
-        for note in session.take_notes() {
-            if self.noted.insert(note.clone()) {
-                complain(&format!("note: {note}"));
-            }
-        }
+    /// Says why no picture is shown, where that lasts.
+    fn tell(&mut self, session: &Session) {
         let why = session.why_dark();
         if self.shown.elapsed() > SILENCE && why != self.dark && !session.exiting() {
             complain(&format!("nothing is shown: {why}"));
@@ -129,6 +122,35 @@ impl Run<'_> {
     }
 }
 
+impl Observer for Teller<'_> {
+    /// Says what goes on without something, each once.
+    fn note(&mut self, sentence: &str) {
+        if self.noted.insert(sentence.to_string()) {
+            complain(&format!("note: {sentence}"));
+        }
+    }
+
+    fn shown(&mut self, shown: Shown) -> Result<()> {
+        (self.shown, self.dark) = (Instant::now(), "");
+        if let Some(log) = &mut self.log {
+            log.push(&shown.record())?;
+        }
+        let mut report = self.watch.report();
+        let each = shown.views.iter().zip(&shown.fovea);
+        report.told.views = each.map(|(view, fovea)| ViewSummary::of(view, *fovea)).collect();
+        report.stats.push(shown);
+        Ok(())
+    }
+
+    fn asks(&mut self) {
+        self.watch.asks();
+    }
+
+    fn works(&mut self) {
+        self.watch.works();
+    }
+}
+
 impl Presentation<'_> {
     /// Presents until the operator, the runtime or the number of frames says that it is enough, and tells the
     /// summary.
@@ -136,17 +158,14 @@ impl Presentation<'_> {
     /// # Errors
     /// Where something fails that building anew would not mend.
     pub fn run(&self, runtime: Runtime, watch: &Watchdog) -> Result<()> {
+        let (config, scene) = (self.config, &self.loaded.scene);
+        let rig = Rig::new(self.rest, scene, &config.headset);
+        let log = self.log.map(FrameLog::create).transpose()?;
+        let teller = Teller { watch, log, shown: Instant::now(), dark: "", noted: BTreeSet::new() };
         let mut run = Run {
-            watch,
-            rig: Rig::new(self.rest, &self.loaded.scene, &self.config.headset),
-            keyboard: if self.config.headset.keyboard { Terminal::open() } else { None },
-            controller: None,
-            log: self.log.map(FrameLog::create).transpose()?,
-            pace: Pace::default(),
-            begun: None,
-            shown: Instant::now(),
-            dark: "",
-            noted: BTreeSet::new(),
+            frame_loop: FrameLoop::new(config, scene, rig, self.gaze, self.fov_y),
+            keyboard: if config.headset.keyboard { Terminal::open() } else { None },
+            teller,
         };
         let ended = self.on_runtimes(runtime, &mut run);
         watch.tell()?;
@@ -158,19 +177,19 @@ impl Presentation<'_> {
         let mut runtime = Some(runtime);
         let mut in_vain = 0;
         while let Some(found) = runtime.take() {
-            let before = run.frames();
+            let before = run.teller.frames();
             match self.on_runtime(found, run) {
                 Ok(()) => break,
                 Err(Fault::Fatal(error)) => return Err(error),
                 // What is lost when nothing is left to be shown needs no other runtime.
                 Err(_) if self.is_over(run) => break,
                 Err(lost) => {
-                    in_vain = if run.frames() > before { 0 } else { in_vain + 1 };
+                    in_vain = if run.teller.frames() > before { 0 } else { in_vain + 1 };
                     if in_vain >= MOST_LOSSES && !self.waits {
                         return Err(lost.into_error());
                     }
-                    run.lose(&format!("{}; waiting for it to come back", lost.sentence()));
-                    run.watch.works();
+                    run.teller.lose(&format!("{}; waiting for it to come back", lost.sentence()));
+                    run.teller.watch.works();
                     std::thread::sleep(RETRY);
                     runtime = find(takes_insets(self.config), &self.stop);
                     if let Some(found) = &runtime {
@@ -184,21 +203,21 @@ impl Presentation<'_> {
 
     /// Whether all pictures were shown, or the operator wants to leave.
     fn is_over(&self, run: &Run) -> bool {
-        let enough = self.frames.is_some_and(|frames| run.frames() >= u64::from(frames));
+        let enough = self.frames.is_some_and(|frames| run.teller.frames() >= u64::from(frames));
         enough || self.stop.load(Ordering::Relaxed)
     }
 
     /// Presents on one runtime, in as many sessions as it takes.
     fn on_runtime(&self, runtime: Runtime, run: &mut Run) -> Outcome<()> {
-        run.watch.asks();
+        run.teller.watch.asks();
         let context = runtime.open_context()?;
-        run.watch.works();
+        run.teller.watch.works();
         let machine = Machine::presenting(context, &self.config.devices)?;
         let (renderer, _) = machine.renderer(self.loaded, self.config, Output::Display)?;
         let mut stage = Stage { runtime, machine, renderer };
         let mut in_vain = 0;
         loop {
-            let before = run.frames();
+            let before = run.teller.frames();
             let lost = match self.in_session(&mut stage, run) {
                 Err(lost @ (Fault::Session(_) | Fault::Passing(_))) => lost.sentence(),
                 ended => return ended,
@@ -206,18 +225,18 @@ impl Presentation<'_> {
             if self.is_over(run) {
                 return Ok(());
             }
-            in_vain = if run.frames() > before { 0 } else { in_vain + 1 };
+            in_vain = if run.teller.frames() > before { 0 } else { in_vain + 1 };
             if in_vain >= MOST_LOSSES {
                 return Err(Fault::Instance(lost));
             }
-            run.lose(&format!("{lost}; opening a new session"));
+            run.teller.lose(&format!("{lost}; opening a new session"));
             self.await_settled(run);
         }
     }
 
     /// Waits until the runtime has let go of the last session.
     fn await_settled(&self, run: &Run) {
-        run.watch.works();
+        run.teller.watch.works();
         let mut told = false;
         while !openxr::settled() && !self.stop.load(Ordering::Relaxed) {
             if !std::mem::replace(&mut told, true) {
@@ -233,23 +252,23 @@ impl Presentation<'_> {
         let guided = self.config.reconstruction.method == Method::Guided;
         let gaze = eye_tracking && self.gaze.is_none();
         let options = Options { size: self.size, gaze, refresh_hz, depth: depth && guided };
-        run.watch.asks();
+        run.teller.watch.asks();
         let mut session = Session::new(&stage.runtime, &stage.machine.context, &options)?;
         self.introduce(stage, &session, run)?;
-        let before = run.watch.report().stats.dropped;
+        let before = run.teller.watch.report().stats.dropped;
         let ended = self.frames(stage, &mut session, run, before);
         if ended.is_ok() || self.is_over(run) {
             // Before anything is taken down: some runtimes hang in that.
-            run.watch.tell()?;
+            run.teller.watch.tell()?;
         }
-        run.watch.asks();
+        run.teller.watch.asks();
         drop(session);
-        run.watch.works();
+        run.teller.watch.works();
         ended
     }
 
     fn introduce(&self, stage: &mut Stage, session: &Session, run: &mut Run) -> Result<()> {
-        let mut report = run.watch.report();
+        let mut report = run.teller.watch.report();
         let told = &mut report.told;
         told.runtime = stage.runtime.name().to_string();
         told.format = format!("{:?}", session.formats().color);
@@ -274,24 +293,20 @@ impl Presentation<'_> {
     /// Makes frames until the session ends; `dropped` before it began.
     fn frames(&self, stage: &mut Stage, session: &mut Session, run: &mut Run, dropped: u64) -> Outcome<()> {
         loop {
-            run.watch.asks();
+            run.teller.watch.asks();
             let keys = run.keyboard.as_mut().map_or(Keys::default(), Terminal::keys);
             if keys.leave {
                 self.stop.store(true, Ordering::Relaxed);
             }
-            if keys.lock_exposure {
-                stage.renderer.meter().toggle_lock();
-            }
             if self.is_over(run) {
                 session.request_exit();
             }
-            let next = session.next_frame()?;
-            run.watch.report().stats.dropped = dropped + session.clock().dropped;
-            run.tell(session);
-            match next {
-                Next::End => return Ok(()),
-                Next::Pause => {}
-                Next::Frame(frame) => self.frame(stage, session, &frame, &keys, run)?,
+            let mut link = Link { headset: session, draw: &mut stage.renderer, observer: &mut run.teller };
+            let goes_on = run.frame_loop.step(&mut link, &keys);
+            run.teller.watch.report().stats.dropped = dropped + session.clock().dropped;
+            run.teller.tell(session);
+            if !goes_on? {
+                return Ok(());
             }
         }
     }

@@ -4,28 +4,15 @@ use serde::Serialize;
 
 use crate::cli::output::{self, Percentiles};
 use crate::error::Result;
+use crate::frame::StageMs;
 use crate::frame::budget::QualityState;
 use crate::frame::log::Ages;
-use crate::frame::{FrameReport, StageMs};
+use crate::math::view::{FieldOfView, View};
 use crate::metrics::stats::percentile;
+use crate::session::{FoveaPoint, Shown};
 
 /// Frames whose times are kept: the newest of a long run.
 const KEPT: usize = 100_000;
-
-/// One picture's times, in milliseconds.
-#[derive(Clone, Debug)]
-pub struct Shown {
-    /// From its begin to its end.
-    pub frame_ms: f64,
-    /// From asking for the poses it was traced for to its end.
-    pub pose_ms: f64,
-    /// How old its poses were.
-    pub ages: Ages,
-    /// What the renderer did.
-    pub report: FrameReport,
-    /// What it was made with where its time is held.
-    pub held: Option<QualityState>,
-}
 
 /// Counts and times, while they come.
 #[derive(Default)]
@@ -46,7 +33,8 @@ pub struct Stats {
 
 impl Stats {
     /// Counts a picture.
-    pub fn push(&mut self, shown: Shown, on_time: bool) {
+    pub fn push(&mut self, shown: Shown) {
+        self.on_time += u64::from(shown.on_time);
         let place = (self.frames % KEPT as u64) as usize;
         self.first_held = self.first_held.or(shown.held);
         self.newest = place;
@@ -56,7 +44,6 @@ impl Stats {
             self.kept.push(shown);
         }
         self.frames += 1;
-        self.on_time += u64::from(on_time);
     }
 
     /// Percentiles of a time of each picture.
@@ -181,6 +168,22 @@ pub struct ViewSummary {
     pub gaze: [f64; 2],
     /// How much wider than usual the sharp region was: more than 1 while the eyes jump.
     pub widening: f64,
+}
+
+impl ViewSummary {
+    /// A view of the scene that was sharp at a point.
+    pub fn of(view: &View, fovea: FoveaPoint) -> Self {
+        let FieldOfView { left, right, up, down } = view.fov;
+        ViewSummary {
+            width: view.width,
+            height: view.height,
+            fov: [left, right, up, down].map(|tangent| tangent.atan().to_degrees()),
+            position: view.world_from_eye.position.to_array(),
+            rotation: view.world_from_eye.rotation.to_array(),
+            gaze: fovea.point.to_array(),
+            widening: fovea.widening,
+        }
+    }
 }
 
 /// Ages of poses: by how many milliseconds the time that they were asked for lies ahead of the time at which

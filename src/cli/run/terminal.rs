@@ -6,7 +6,8 @@
 
 use std::time::Instant;
 
-use super::keys::{Keys, Pressed};
+use super::keys::Pressed;
+use crate::headset::Keys;
 
 /// The keyboard of a terminal. What was switched off is on again when this ends.
 pub struct Terminal {

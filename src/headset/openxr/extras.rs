@@ -4,7 +4,7 @@
 use openxr as xr;
 use xr::sys;
 
-use super::visibility::HiddenMesh;
+use crate::headset::HiddenMesh;
 
 /// Asks for the refresh rate nearest to `wanted` hertz, and for steady clocks of processor and GPU.
 /// Whatever the runtime makes of it is not this program's to judge.

@@ -7,24 +7,7 @@ use xr::sys;
 
 use super::convert;
 use super::fault::{Called, Outcome};
-
-/// One look of the eye tracker.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gaze {
-    /// When the eyes were seen, in nanoseconds of the runtime's clock.
-    pub time: i64,
-    /// The direction of the gaze in the session's space; of length 1.
-    pub direction: DVec3,
-    /// Whether the tracker sees the eyes; not in blinks.
-    pub valid: bool,
-}
-
-impl Gaze {
-    /// Eyes that are not seen at a time.
-    pub fn unseen(time: i64) -> Self {
-        Gaze { time, direction: DVec3::NEG_Z, valid: false }
-    }
-}
+use crate::headset::Gaze;
 
 /// The eye tracker of a session.
 pub struct EyeTracker {
@@ -105,7 +88,7 @@ impl EyeTracker {
         match code {
             sys::Result::SUCCESS => {}
             sys::Result::ERROR_TIME_INVALID => return Ok(unseen),
-            code => return Err(super::Fault::of("xrLocateSpace", code)),
+            code => return Err(super::fault::Fault::of("xrLocateSpace", code)),
         }
         let direction = convert::pose(&location.pose).rotation * DVec3::NEG_Z;
         let valid = location.location_flags.contains(sys::SpaceLocationFlags::ORIENTATION_VALID);

@@ -2,7 +2,7 @@
 //!
 //! [`Runtime`] is the runtime with its headset, and makes the one Vulkan device that reconstructs and
 //! presents. [`Session`] follows the runtime's states, paces frames and hands out swapchain images to
-//! draw into. What is lost on the way is a [`Fault`], which says what has to be built anew.
+//! draw into. What is lost on the way is a [`crate::headset::Fault`], which says what has to be built anew.
 
 mod absent;
 mod actions;
@@ -17,15 +17,11 @@ mod runtime;
 mod session;
 mod setup;
 mod swapchain;
-mod visibility;
 mod vulkan;
 mod waiter;
 
 pub use clock::FrameClock;
-pub use fault::{Fault, Outcome};
-pub use gaze::Gaze;
 pub use runtime::Runtime;
-pub use session::{EyeView, Frame, Next, Options, Session};
+pub use session::{Options, Session};
 pub use swapchain::Formats;
-pub use visibility::HiddenMesh;
 pub use waiter::settled;

@@ -9,19 +9,16 @@ use super::actions::Actions;
 use super::clock::{FrameClock, Told};
 use super::fault::{Called, Fault, Notes, Outcome};
 use super::floor::Floor;
-use super::gaze::{self, EyeTracker, Gaze};
+use super::gaze::{self, EyeTracker};
 use super::lifecycle::{self, Duty, Lifecycle};
 use super::runtime::Runtime;
 use super::setup::{Steady, images, sizes};
 use super::swapchain::{Formats, ViewImages, formats};
-use super::visibility::HiddenMesh;
 use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
-use crate::gpu::vulkan::{Context, Target};
-use crate::headset::deadline::Deadline;
+use crate::gpu::vulkan::{Context, Encoding, Rect};
 use crate::headset::locomotion::Hands;
-use crate::math::pose::Pose;
-use crate::math::view::FieldOfView;
+use crate::headset::{Canvas, Deadline, EyeView, Frame, Gaze, Headset, HiddenMesh, Input, Next};
 
 /// How long one look for a frame lasts before events are looked for again.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -31,38 +28,6 @@ const EXIT_PATIENCE: Duration = Duration::from_secs(10);
 const MOST_STRIKES: u32 = 20;
 /// Frames after which an eye tracker that was refused is asked again.
 const BLIND: u32 = 90;
-
-/// What is to be done next.
-pub enum Next {
-    /// Render, or not, and end this frame.
-    Frame(Frame),
-    /// Nothing: look again.
-    Pause,
-    /// Leave.
-    End,
-}
-
-/// A frame that has begun.
-#[derive(Clone, Copy, Debug)]
-pub struct Frame {
-    /// When it is displayed if it ends before: the predicted display time, or a better guess, in nanoseconds.
-    pub time: i64,
-    /// Whether the wearer will see it.
-    pub should_render: bool,
-    /// When it began.
-    pub began: Instant,
-    /// What the runtime wants to be told at its end.
-    display_time: xr::Time,
-}
-
-/// What a view sees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EyeView {
-    /// Where the eye is in the session's space: at rest near its origin, +Y up, -Z ahead.
-    pub space_from_eye: Pose,
-    /// Its field of view.
-    pub fov: FieldOfView,
-}
 
 /// What a session is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,6 +66,8 @@ pub struct Session {
     visible: bool,
     exit: Option<Instant>,
     ended: bool,
+    /// What the runtime wants to be told at the frame's end.
+    display_time: xr::Time,
     located: Vec<EyeView>,
     /// Frames in a row whose views could not be located.
     strikes: u32,
@@ -162,6 +129,7 @@ impl Session {
             visible: false,
             exit: None,
             ended: false,
+            display_time: xr::Time::from_nanos(0),
             located: Vec::new(),
             strikes: 0,
             blind: 0,
@@ -172,25 +140,9 @@ impl Session {
         })
     }
 
-    /// Pixels of each view.
-    pub fn sizes(&self) -> Vec<(u32, u32)> {
-        self.images.iter().map(ViewImages::size).collect()
-    }
-
     /// The formats of all images.
     pub fn formats(&self) -> Formats {
         self.formats
-    }
-
-    /// How high the floor is in the session's space at a time, in metres; `None` where the runtime does not
-    /// know, or it has not changed since it was asked last.
-    pub fn floor(&mut self, time: i64) -> Option<f64> {
-        self.floor.moved(&self.space, xr::Time::from_nanos(time))
-    }
-
-    /// What goes on without something; each sentence once.
-    pub fn take_notes(&mut self) -> Vec<String> {
-        self.notes.take()
     }
 
     /// Why nothing is shown, where that lasts.
@@ -199,11 +151,6 @@ impl Session {
             return "xrWaitFrame does not return: the runtime hangs, or its compositor does; Ctrl-C ends";
         }
         lifecycle::why_dark(self.state, !self.located.is_empty())
-    }
-
-    /// What the lenses hide of each view, and a number that grows when that changes.
-    pub fn hidden(&self) -> (&[HiddenMesh], u64) {
-        (&self.hidden, self.masks)
     }
 
     /// Whether an eye tracker is used.
@@ -230,61 +177,19 @@ impl Session {
         self.exit.is_some()
     }
 
-    /// Handles events, waits for the next frame and begins it.
-    ///
-    /// # Errors
-    /// Where session or runtime are lost.
-    pub fn next_frame(&mut self) -> Outcome<Next> {
-        self.poll()?;
-        if self.ended || self.exit.is_some_and(|asked| asked.elapsed() > EXIT_PATIENCE) {
-            return Ok(Next::End);
-        }
-        if !self.life.running() {
-            std::thread::sleep(PATIENCE / 5);
-            return Ok(Next::Pause);
-        }
-        // Where the last frame ended sooner than it usually does, this one need not wait.
-        if self.visible || !self.waiter.asked() {
-            self.waiter.ask(Duration::ZERO);
-        }
-        let Some(state) = self.waiter.take(PATIENCE)? else { return Ok(Next::Pause) };
-        let frame = self.begin(state)?;
-        let step = Duration::from_nanos(self.clock.step() as u64);
-        // The next frame is waited for while this one is traced; not so early that its time is past when
-        // this one ends. Not every runtime holds up frames that nobody sees.
-        let delay = if frame.should_render { self.usual.saturating_sub(step) } else { step * 4 / 5 };
-        self.waiter.ask(delay);
-        Ok(Next::Frame(frame))
-    }
-
-    /// Tells how long frames take, so that the next one is not waited for too early.
-    pub fn expect(&mut self, usual: Duration) {
-        self.usual = usual;
-    }
-
-    /// Now, in nanoseconds of the display's clock.
-    pub fn now(&self) -> i64 {
-        self.clock.now(self.steady.read())
-    }
-
-    /// When a frame is shown.
-    pub fn deadline(&self, frame: &Frame) -> Deadline {
-        Deadline { time: frame.time, period: self.clock.period() }
-    }
-
     fn begin(&mut self, (state, arrived): (xr::FrameState, i64)) -> Outcome<Frame> {
         self.stream.begin().called("xrBeginFrame")?;
         let predicted = state.predicted_display_time.as_nanos();
         let period = state.predicted_display_period.as_nanos();
         let time = self.clock.frame(Told { time: predicted, period, arrived });
         // Zero and less are no times, and xrEndFrame refuses them even where they came from the runtime.
-        let display_time = xr::Time::from_nanos(if predicted > 0 { predicted } else { time });
+        self.display_time = xr::Time::from_nanos(if predicted > 0 { predicted } else { time });
         let should_render = state.should_render && self.exit.is_none();
         self.visible = should_render;
         if !should_render {
             self.clock.pause();
         }
-        Ok(Frame { time, should_render, began: Instant::now(), display_time })
+        Ok(Frame { time, should_render, began: Instant::now() })
     }
 
     fn poll(&mut self) -> Outcome<()> {
@@ -339,12 +244,78 @@ impl Session {
         Ok(())
     }
 
-    /// Where the views are at a time. What the runtime does not know is what it knew last; `None` where
-    /// it never knew anything.
-    ///
-    /// # Errors
-    /// Where session or runtime are lost.
-    pub fn locate(&mut self, time: i64) -> Outcome<Option<Vec<EyeView>>> {
+    /// What the eye tracker sees. One that is refused is not asked for a while.
+    fn look(&mut self, time: xr::Time) -> Outcome<Option<Gaze>> {
+        self.blind = self.blind.saturating_sub(1);
+        let Some(eyes) = self.eyes.as_ref().filter(|_| self.blind == 0) else { return Ok(None) };
+        let seen = eyes.look(&self.session, &self.space, time);
+        let seen = self.notes.or_without(seen, "the gaze is not followed until it works again")?;
+        if seen.is_none() {
+            self.blind = BLIND;
+        }
+        Ok(seen)
+    }
+
+    /// What hands and eyes do at a time.
+    fn actions(&mut self, time: xr::Time) -> Outcome<(Hands, Option<Gaze>)> {
+        let sets: Vec<xr::ActiveActionSet> = (self.actions.iter().map(Actions::set))
+            .chain(self.eyes.as_ref().map(EyeTracker::set))
+            .map(xr::ActiveActionSet::new)
+            .collect();
+        let unseen = self.eyes.as_ref().map(|_| Gaze::unseen(time.as_nanos()));
+        if sets.is_empty() {
+            return Ok((Hands::default(), unseen));
+        }
+        let synced = self.session.sync_actions(&sets).called("xrSyncActions");
+        if self.notes.or_without(synced, "hands and eyes are not followed")?.is_none() {
+            return Ok((Hands::default(), unseen));
+        }
+        let hands = self.actions.as_ref().map(|actions| actions.hands(&self.session, &self.space, time));
+        Ok((hands.unwrap_or_default(), self.look(time)?.or(unseen)))
+    }
+}
+
+impl Headset for Session {
+    fn next_frame(&mut self) -> Outcome<Next> {
+        self.poll()?;
+        if self.ended || self.exit.is_some_and(|asked| asked.elapsed() > EXIT_PATIENCE) {
+            return Ok(Next::End);
+        }
+        if !self.life.running() {
+            std::thread::sleep(PATIENCE / 5);
+            return Ok(Next::Pause);
+        }
+        // Where the last frame ended sooner than it usually does, this one need not wait.
+        if self.visible || !self.waiter.asked() {
+            self.waiter.ask(Duration::ZERO);
+        }
+        let Some(state) = self.waiter.take(PATIENCE)? else { return Ok(Next::Pause) };
+        let frame = self.begin(state)?;
+        let step = Duration::from_nanos(self.clock.step() as u64);
+        // The next frame is waited for while this one is traced; not so early that its time is past when
+        // this one ends. Not every runtime holds up frames that nobody sees.
+        let delay = if frame.should_render { self.usual.saturating_sub(step) } else { step * 4 / 5 };
+        self.waiter.ask(delay);
+        Ok(Next::Frame(frame))
+    }
+
+    fn sizes(&self) -> Vec<(u32, u32)> {
+        self.images.iter().map(ViewImages::size).collect()
+    }
+
+    fn expect(&mut self, usual: Duration) {
+        self.usual = usual;
+    }
+
+    fn now(&self) -> i64 {
+        self.clock.now(self.steady.read())
+    }
+
+    fn deadline(&self, frame: &Frame) -> Deadline {
+        Deadline { time: frame.time, period: self.clock.period() }
+    }
+
+    fn locate(&mut self, time: i64) -> Outcome<Option<Vec<EyeView>>> {
         let time = xr::Time::from_nanos(time);
         let found = match self.session.locate_views(self.views, time, &self.space) {
             Err(xr::sys::Result::ERROR_TIME_INVALID) => Ok((xr::ViewStateFlags::EMPTY, Vec::new())),
@@ -378,54 +349,24 @@ impl Session {
         Ok((!self.located.is_empty()).then(|| self.located.clone()))
     }
 
-    /// What hands and eyes do at a time: to be asked once a frame.
-    ///
-    /// # Errors
-    /// Where session or runtime are lost.
-    pub fn input(&mut self, time: i64) -> Outcome<(Hands, Option<Gaze>)> {
-        let time = xr::Time::from_nanos(time);
-        let sets: Vec<xr::ActiveActionSet> = (self.actions.iter().map(Actions::set))
-            .chain(self.eyes.as_ref().map(EyeTracker::set))
-            .map(xr::ActiveActionSet::new)
-            .collect();
-        let unseen = self.eyes.as_ref().map(|_| Gaze::unseen(time.as_nanos()));
-        if sets.is_empty() {
-            return Ok((Hands::default(), unseen));
-        }
-        let synced = self.session.sync_actions(&sets).called("xrSyncActions");
-        if self.notes.or_without(synced, "hands and eyes are not followed")?.is_none() {
-            return Ok((Hands::default(), unseen));
-        }
-        let hands = self.actions.as_ref().map(|actions| actions.hands(&self.session, &self.space, time));
-        Ok((hands.unwrap_or_default(), self.look(time)?.or(unseen)))
+    fn input(&mut self, time: i64) -> Outcome<Input> {
+        let floor = self.floor.moved(&self.space, xr::Time::from_nanos(time));
+        let (hands, gaze) = self.actions(xr::Time::from_nanos(time))?;
+        Ok(Input { hands, gaze, floor, lock_exposure: false })
     }
 
-    /// What the eye tracker sees. One that is refused is not asked for a while.
-    fn look(&mut self, time: xr::Time) -> Outcome<Option<Gaze>> {
-        self.blind = self.blind.saturating_sub(1);
-        let Some(eyes) = self.eyes.as_ref().filter(|_| self.blind == 0) else { return Ok(None) };
-        let seen = eyes.look(&self.session, &self.space, time);
-        let seen = self.notes.or_without(seen, "the gaze is not followed until it works again")?;
-        if seen.is_none() {
-            self.blind = BLIND;
-        }
-        Ok(seen)
+    fn acquire(&mut self) -> Outcome<Option<Vec<Canvas>>> {
+        let canvas = |images: &mut ViewImages| {
+            let (width, height) = images.size();
+            // Runtimes take what they are given for linear light, or decode it by themselves.
+            let encoding = Encoding::DisplayLinear;
+            let rect = Rect { x: 0, y: 0, width, height };
+            Ok(images.acquire()?.map(|target| Canvas { target, rect, encoding }))
+        };
+        self.images.iter_mut().map(canvas).collect()
     }
 
-    /// Gets an image of each view to draw into; `None` where the compositor keeps them too long.
-    ///
-    /// # Errors
-    /// Where session or runtime are lost.
-    pub fn acquire(&mut self) -> Outcome<Option<Vec<Target>>> {
-        self.images.iter_mut().map(ViewImages::acquire).collect()
-    }
-
-    /// Ends a frame. `shown` are the views as they were drawn into the images acquired; without them the
-    /// wearer sees nothing.
-    ///
-    /// # Errors
-    /// Where session or runtime are lost.
-    pub fn end(&mut self, frame: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
+    fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
         // What was not drawn into is kept for the next frame.
         if shown.is_some() {
             self.images.iter_mut().try_for_each(ViewImages::release)?;
@@ -440,6 +381,18 @@ impl Session {
             .collect();
         let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
         let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
-        self.stream.end(frame.display_time, self.blend, layers).called("xrEndFrame")
+        self.stream.end(self.display_time, self.blend, layers).called("xrEndFrame")
+    }
+
+    fn hidden(&self) -> (&[HiddenMesh], u64) {
+        (&self.hidden, self.masks)
+    }
+
+    fn take_notes(&mut self) -> Vec<String> {
+        self.notes.take()
+    }
+
+    fn surprises(&self) -> bool {
+        true
     }
 }

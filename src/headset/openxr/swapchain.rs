@@ -7,10 +7,11 @@ use std::marker::PhantomData;
 use ash::vk::{self, Handle};
 use openxr::{self as xr, sys};
 
+use super::convert;
 use super::fault::{Called, Fault, Outcome};
-use super::{EyeView, convert};
 use crate::error::Error;
 use crate::gpu::vulkan::{Context, Target};
+use crate::headset::EyeView;
 use crate::reconstruct::NEAREST_DEPTH;
 
 /// Formats to draw into, best first. Runtimes read all of them as linear light: SRGB formats decode by

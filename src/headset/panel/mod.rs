@@ -10,4 +10,4 @@ pub use keys::Keys;
 pub use lens_warp::LensWarp;
 pub use monitor::{Monitor, panel_among, rift_connectors};
 pub use pass::PanelPass;
-pub use window::{HELP, Moment, Panel, PanelFrame, Wanted};
+pub use window::{HELP, Look, Moment, Panel, PanelFrame, PanelWindow, Wanted};

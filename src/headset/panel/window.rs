@@ -11,6 +11,7 @@ use winit::event::{DeviceEvent, DeviceId, ElementState, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::monitor::MonitorHandle;
+use winit::platform::pump_events::{EventLoopExtPumpEvents, PumpStatus};
 use winit::window::{CursorGrabMode, Fullscreen, Window, WindowId};
 
 use super::keys::Keys;
@@ -25,8 +26,8 @@ pub const HELP: &str = "click: the mouse looks around; WASD or arrows, Q and E w
                         L holds the exposure; F11: full screen; Escape: lets the mouse go, then ends";
 /// How long a title stays at least.
 const TITLE_STAYS: Duration = Duration::from_millis(500);
-/// How often a window that cannot be seen is looked after.
-const HIDDEN_STEP: Duration = Duration::from_millis(100);
+/// How long one look waits for what the desktop says.
+const LOOK: Duration = Duration::from_millis(50);
 
 /// What a frame is made for.
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +93,7 @@ impl Panel {
                     .to_string(),
             )
         })?;
-        event_loop.set_control_flow(ControlFlow::Poll);
+        event_loop.set_control_flow(ControlFlow::Wait);
         Ok(Panel { event_loop })
     }
 
@@ -105,43 +106,76 @@ impl Panel {
         Ok(ContextOptions { instance_extensions, device_extensions, ..ContextOptions::default() })
     }
 
-    /// Opens the window and shows what `frame` makes until the user closes it, `stop` is set, or enough
-    /// frames were shown; how many were. Escape lets the mouse go, and closes the window where it is free. A
-    /// window that cannot be seen shows nothing. The context was opened with
-    /// [`Panel::vulkan_options`].
-    ///
-    /// # Errors
-    /// Where the window or a device is lost, and what `frame` answers.
-    pub fn run(
-        self,
-        context: &Context,
-        wanted: &Wanted,
-        stop: &AtomicBool,
-        frame: &mut dyn FnMut(&Moment) -> Result<PanelFrame>,
-    ) -> Result<u64> {
-        let mut shower = Shower {
-            context,
+    /// Has a window opened at the next look for a moment. The context was opened with [`Panel::vulkan_options`].
+    pub fn window(self, context: &Context, wanted: Wanted, stop: Arc<AtomicBool>) -> PanelWindow {
+        let shower = Shower {
+            context: context.clone(),
             wanted,
             stop,
-            frame,
             opened: None,
             keys: Keys::default(),
             captured: false,
+            due: false,
             last: None,
+            began: None,
             latency: 0.0,
             shown: 0,
             occluded: false,
             help: false,
             titled: None,
-            outcome: Ok(()),
+            ended: None,
         };
-        let ended = self.event_loop.run_app(&mut shower);
-        shower.outcome?;
-        ended.map_err(|error| Error::Device {
-            device: "display".to_string(),
-            problem: format!("the connection to it was lost ({error}); start the program again"),
-        })?;
-        Ok(shower.shown)
+        PanelWindow { shower, event_loop: self.event_loop }
+    }
+}
+
+/// What a look at the window has found.
+pub enum Look {
+    /// A frame is to be made.
+    Moment(Moment),
+    /// Nothing: look again.
+    Pause,
+    /// It was closed, or has shown enough.
+    End,
+}
+
+/// A window that shows frames until the user closes it, the operator wants to leave, or enough were shown. Escape
+/// lets the mouse go, and closes the window where it is free. A window that cannot be seen asks for no frames.
+pub struct PanelWindow {
+    // Before the desktop's connection, which it is made with.
+    shower: Shower,
+    event_loop: EventLoop<()>,
+}
+
+impl PanelWindow {
+    /// Handles what the desktop says, and tells what is to be done. Waits for that a moment.
+    ///
+    /// # Errors
+    /// Where the window, the desktop or a device is lost.
+    pub fn next(&mut self) -> Result<Look> {
+        let status = self.event_loop.pump_app_events(Some(LOOK), &mut self.shower);
+        if let Some(outcome) = self.shower.ended.take() {
+            self.shower.ended = Some(Ok(()));
+            return outcome.map(|()| Look::End);
+        }
+        if let PumpStatus::Exit(code) = status {
+            return Err(Error::Device {
+                device: "display".to_string(),
+                problem: format!("the connection to it was lost (code {code}); start the program again"),
+            });
+        }
+        if !std::mem::take(&mut self.shower.due) || self.shower.is_hidden() {
+            return Ok(Look::Pause);
+        }
+        Ok(self.shower.moment()?.map_or(Look::Pause, Look::Moment))
+    }
+
+    /// Shows a frame; whether it could be shown.
+    ///
+    /// # Errors
+    /// Where the window or a device is lost.
+    pub fn show(&mut self, frame: &PanelFrame) -> Result<bool> {
+        self.shower.show(frame)
     }
 }
 
@@ -152,17 +186,20 @@ struct Opened {
     pass: PanelPass,
 }
 
-/// The window's loop.
-struct Shower<'a> {
-    context: &'a Context,
-    wanted: &'a Wanted,
-    stop: &'a AtomicBool,
-    frame: &'a mut dyn FnMut(&Moment) -> Result<PanelFrame>,
+/// What the desktop's events lead to.
+struct Shower {
+    context: Context,
+    wanted: Wanted,
+    stop: Arc<AtomicBool>,
     opened: Option<Opened>,
     keys: Keys,
     /// The mouse turns the head.
     captured: bool,
+    /// The desktop wants a frame.
+    due: bool,
+    /// When the last frame was begun, and the current one.
     last: Option<Instant>,
+    began: Option<Instant>,
     latency: f64,
     shown: u64,
     /// Other windows hide this one.
@@ -171,10 +208,11 @@ struct Shower<'a> {
     help: bool,
     /// When the title was made last, and how many frames had been shown.
     titled: Option<(Instant, u64)>,
-    outcome: Result<()>,
+    /// That, and how, it has ended.
+    ended: Option<Result<()>>,
 }
 
-impl Shower<'_> {
+impl Shower {
     fn open(&mut self, event_loop: &ActiveEventLoop) -> Result<Opened> {
         let [width, height] = self.wanted.size;
         let mut attributes = Window::default_attributes()
@@ -191,40 +229,44 @@ impl Shower<'_> {
         })?;
         let window = Arc::new(window);
         let size = window.inner_size();
-        let swapchain = Swapchain::new(self.context, window.clone(), size.width, size.height)?;
-        let pass = PanelPass::new(self.context, swapchain.format())?;
+        let swapchain = Swapchain::new(&self.context, window.clone(), size.width, size.height)?;
+        let pass = PanelPass::new(&self.context, swapchain.format())?;
         Ok(Opened { window, swapchain, pass })
     }
 
-    /// Renders and shows one frame.
-    fn show(&mut self) -> Result<()> {
-        let Some(opened) = &mut self.opened else { return Ok(()) };
+    /// What the next frame is made for; `None` where the window has no pixels.
+    fn moment(&mut self) -> Result<Option<Moment>> {
+        let Some(opened) = &mut self.opened else { return Ok(None) };
         let window = opened.swapchain.size();
         if window.contains(&0) {
             let size = opened.window.inner_size();
-            return opened.swapchain.resize(size.width, size.height);
+            return opened.swapchain.resize(size.width, size.height).map(|()| None);
         }
         let now = Instant::now();
         let (wish, recentre) = self.keys.take();
         let lock_exposure = self.keys.take_lock();
         let since_last = self.last.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
+        self.began = Some(now);
         let (latency, period_ms) = (self.latency, period_ms(&opened.window));
-        let moment = Moment { now, since_last, latency, wish, recentre, lock_exposure, window, period_ms };
-        let made = (self.frame)(&moment)?;
-        opened.window.pre_present_notify();
-        let (swapchain, pass) = (&mut opened.swapchain, &mut opened.pass);
+        Ok(Some(Moment { now, since_last, latency, wish, recentre, lock_exposure, window, period_ms }))
+    }
+
+    /// Shows one frame; whether it could be shown.
+    fn show(&mut self, frame: &PanelFrame) -> Result<bool> {
+        let Some(Opened { window, swapchain, pass }) = &mut self.opened else { return Ok(false) };
+        window.pre_present_notify();
         let shown =
-            swapchain.show(|commands, target| pass.record(commands, &made.picture, &made.warps, target))?;
+            swapchain.show(|commands, target| pass.record(commands, &frame.picture, &frame.warps, target))?;
         if shown == Shown::NeedsResize {
-            let size = opened.window.inner_size();
-            return opened.swapchain.resize(size.width, size.height);
+            let size = window.inner_size();
+            return swapchain.resize(size.width, size.height).map(|()| false);
         }
         if shown == Shown::Yes {
-            self.latency = now.elapsed().as_secs_f64();
+            self.latency = self.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
             self.shown += 1;
-            self.entitle(&made.status);
+            self.entitle(&frame.status);
         }
-        Ok(())
+        Ok(shown == Shown::Yes)
     }
 
     /// Tells frame rate and status, or the keys, in the title.
@@ -277,9 +319,7 @@ impl Shower<'_> {
     }
 
     fn end(&mut self, event_loop: &ActiveEventLoop, outcome: Result<()>) {
-        if self.outcome.is_ok() {
-            self.outcome = outcome;
-        }
+        self.ended.get_or_insert(outcome);
         self.opened = None;
         event_loop.exit();
     }
@@ -289,7 +329,7 @@ impl Shower<'_> {
     }
 }
 
-impl ApplicationHandler for Shower<'_> {
+impl ApplicationHandler for Shower {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         if self.opened.is_some() {
             return;
@@ -322,11 +362,7 @@ impl ApplicationHandler for Shower<'_> {
                 self.capture(false);
             }
             WindowEvent::Occluded(occluded) => self.occluded = occluded,
-            WindowEvent::RedrawRequested => {
-                if let Err(error) = self.show() {
-                    self.end(event_loop, Err(error));
-                }
-            }
+            WindowEvent::RedrawRequested => self.due = true,
             _ => {}
         }
     }
@@ -344,9 +380,8 @@ impl ApplicationHandler for Shower<'_> {
             return self.end(event_loop, Ok(()));
         }
         if self.is_hidden() {
-            return event_loop.set_control_flow(ControlFlow::WaitUntil(Instant::now() + HIDDEN_STEP));
+            return;
         }
-        event_loop.set_control_flow(ControlFlow::Poll);
         if let Some(opened) = &self.opened {
             opened.window.request_redraw();
         }

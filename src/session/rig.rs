@@ -1,23 +1,13 @@
-//! Who wears the headset: where they are in the scene, where they look, and what they cannot see.
-
-use std::sync::Arc;
+//! Who wears the headset, and where they are in the scene.
 
 use glam::{DVec2, DVec3};
 
-use super::keys::Keys;
 use crate::config::{HeadsetConfig, Turn, Walk};
-use crate::foveation::{BitMask, GazeFilter, GazeSample, GazeTarget};
 use crate::headset::locomotion::{Hands, Locomotion, Manner, upright};
-use crate::headset::openxr::{EyeView, Gaze, HiddenMesh};
+use crate::headset::{EyeView, Keys};
 use crate::math::pose::Pose;
-use crate::math::view::{FieldOfView, View};
 use crate::scene::{Scene, pick};
-use crate::session::FoveaPoint;
 
-/// How far the gaze moves, in 0..1 of the image, before the pattern follows it: patterns cost time.
-const STEADY: f64 = 0.01;
-/// By how much the widening changes before the pattern follows it.
-const STEADY_WIDENING: f64 = 0.2;
 /// Eyes above the ground where nothing tells, in metres.
 const USUAL_HEIGHT: f64 = 1.6;
 /// How much faster keys move while hurrying.
@@ -27,7 +17,7 @@ const LONGEST_STEP: f64 = 0.1;
 /// The steepest ground that one can stand on: the cosine of its slope.
 const STEEPEST: f64 = 0.7;
 
-/// The wearer.
+/// What the wearer moves by: where the tracked space lies in the scene.
 pub struct Rig {
     rest: Pose,
     locomotion: Locomotion,
@@ -36,20 +26,8 @@ pub struct Rig {
     /// Metres a second by keys.
     speed: f64,
     teleports: bool,
-    looks: Vec<Look>,
     time: Option<i64>,
 }
-
-/// Where a view is sharp, and what of it is hidden.
-#[derive(Default)]
-struct Look {
-    filter: GazeFilter,
-    fovea: Option<FoveaPoint>,
-    mask: Option<(MaskKey, Option<Arc<BitMask>>)>,
-}
-
-/// A mask is made anew when one of these changes.
-type MaskKey = (u64, FieldOfView, u32, u32);
 
 impl Rig {
     /// Stands at a pose of the scene, upright, as the settings let them move.
@@ -69,7 +47,19 @@ impl Rig {
             },
             speed: if config.walk == Walk::Off { 0.0 } else { config.speed },
             teleports: config.walk == Walk::Teleport,
-            looks: Vec::new(),
+            time: None,
+        }
+    }
+
+    /// A tracked space that is the scene, for headsets that move by themselves.
+    pub fn in_place() -> Self {
+        Rig {
+            rest: Pose::IDENTITY,
+            locomotion: Locomotion::new(Pose::IDENTITY),
+            height: USUAL_HEIGHT,
+            manner: Manner { speed: 0.0, turn: 0.0, smooth_turn: false },
+            speed: 0.0,
+            teleports: false,
             time: None,
         }
     }
@@ -118,54 +108,12 @@ impl Rig {
 
     /// A pose of the tracked space in the scene.
     pub fn in_scene(&self, space_from_eye: Pose) -> Pose {
-        self.locomotion.world_from_space.then(space_from_eye)
-    }
-
-    /// Where the views are sharp at a time, in nanoseconds: where the eyes look, or at the optical centre.
-    pub fn look(
-        &mut self,
-        gaze: Option<Gaze>,
-        eyes: &[EyeView],
-        views: &[View],
-        time: i64,
-    ) -> Vec<FoveaPoint> {
-        self.looks.resize_with(views.len(), Look::default);
-        let looks = self.looks.iter_mut().zip(eyes).zip(views);
-        looks.map(|((look, eye), view)| look.follow(gaze, eye, view, time)).collect()
-    }
-
-    /// The hidden pixels of a view; `version` grows when its mesh has changed.
-    pub fn hidden(
-        &mut self,
-        index: usize,
-        view: &View,
-        mesh: &HiddenMesh,
-        version: u64,
-    ) -> Option<Arc<BitMask>> {
-        let key = (version, view.fov, view.width, view.height);
-        let look = self.looks.get_mut(index)?;
-        if look.mask.as_ref().is_none_or(|(made_for, _)| *made_for != key) {
-            let mask = mesh.pixels(&view.fov, view.width, view.height).map(Arc::new);
-            look.mask = Some((key, mask));
+        let world_from_space = self.locomotion.world_from_space;
+        if world_from_space == Pose::IDENTITY {
+            space_from_eye
+        } else {
+            world_from_space.then(space_from_eye)
         }
-        look.mask.as_ref().and_then(|(_, mask)| mask.clone())
-    }
-}
-
-impl Look {
-    fn follow(&mut self, gaze: Option<Gaze>, eye: &EyeView, view: &View, time: i64) -> FoveaPoint {
-        let seconds = |time: i64| time as f64 * 1e-9;
-        if let Some(gaze) = gaze {
-            let direction = eye.space_from_eye.rotation.conjugate() * gaze.direction;
-            let target = GazeTarget::Direction(direction);
-            self.filter.push(view, GazeSample { time: seconds(gaze.time), target, valid: gaze.valid });
-        }
-        let new = self.filter.at(view, seconds(time));
-        let steady = |old: &FoveaPoint| {
-            (old.point - new.point).length() < STEADY && (old.widening - new.widening).abs() < STEADY_WIDENING
-        };
-        let new = FoveaPoint { point: new.point, widening: new.widening };
-        *self.fovea.insert(self.fovea.filter(steady).unwrap_or(new))
     }
 }
 
@@ -186,37 +134,6 @@ mod tests {
     use super::*;
     use glam::DQuat;
 
-    const FOV: FieldOfView = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.0 };
-
-    fn eye() -> EyeView {
-        EyeView { space_from_eye: Pose::new(DQuat::from_rotation_y(0.7), DVec3::X), fov: FOV }
-    }
-
-    fn view() -> View {
-        View { world_from_eye: Pose::IDENTITY, fov: FOV, width: 200, height: 100 }
-    }
-
-    #[test]
-    fn the_sharp_region_follows_the_gaze_and_comes_back() {
-        let mut look = Look::default();
-        let target = DVec2::new(0.8, 0.3);
-        let seen = view().eye_direction(target * DVec2::new(200.0, 100.0));
-        let direction = (eye().space_from_eye.rotation * seen).normalize();
-        let at = |look: &mut Look, ms: i64, valid| {
-            let time = 5_000_000_000 + ms * 1_000_000;
-            look.follow(Some(Gaze { time, direction, valid }), &eye(), &view(), time)
-        };
-        assert!((look.follow(None, &eye(), &view(), 1).point - view().optical_centre()).length() < 1e-9);
-        for ms in (0..500).step_by(10) {
-            at(&mut look, ms, true);
-        }
-        assert!((at(&mut look, 500, true).point - target).length() < 0.02);
-        for ms in (510..2000).step_by(10) {
-            at(&mut look, ms, false);
-        }
-        assert!((at(&mut look, 2000, false).point - view().optical_centre()).length() < STEADY);
-    }
-
     #[test]
     fn the_floor_of_the_room_is_the_ground_of_the_scene() {
         let glb = crate::scene::generate::demo::generate();
@@ -232,17 +149,5 @@ mod tests {
             assert!((ground(&rig, height) - below).abs() < 1e-9);
             assert!((rig.rest.position.y - height - below).abs() < 1e-9);
         }
-    }
-
-    #[test]
-    fn a_gaze_that_trembles_makes_no_new_patterns() {
-        let mut look = Look::default();
-        let mut points = Vec::new();
-        for step in 0..100i64 {
-            let direction = eye().space_from_eye.rotation * DVec3::new(0.003 * (step % 2) as f64, 0.0, -1.0);
-            let time = 1_000_000_000 + step * 11_000_000;
-            points.push(look.follow(Some(Gaze { time, direction, valid: true }), &eye(), &view(), time));
-        }
-        assert!(points[2..].windows(2).all(|pair| pair[0] == pair[1]), "{points:?}");
     }
 }

@@ -1,0 +1,384 @@
+use std::cell::Cell;
+use std::rc::Rc;
+
+use glam::{DQuat, DVec3};
+
+use super::*;
+use crate::headset::{Deadline, Gaze, HiddenMesh};
+use crate::scene::generate::demo;
+
+/// Nanoseconds between pictures of the display.
+const PERIOD: i64 = 10_000_000;
+const FOV: FieldOfView = FieldOfView { left: -1.2, right: 0.7, up: 0.9, down: -1.0 };
+const SIZE: (u32, u32) = (120, 90);
+
+/// A head that moves all the time, before a display of its own clock.
+struct Wearer {
+    clock: Rc<Cell<i64>>,
+    /// The last frame's time.
+    last: i64,
+    /// Where the eyes look at a time, if they are followed: to the right, in radians.
+    gaze: Option<fn(i64) -> f64>,
+    input: Input,
+    visible: bool,
+    surprises: bool,
+    located: Vec<i64>,
+    /// When each frame was ended, and the views that it showed.
+    ended: Vec<(i64, Option<Vec<EyeView>>)>,
+    status: String,
+}
+
+/// Where the eyes are at a time.
+fn eyes(time: i64) -> Vec<EyeView> {
+    let seconds = time as f64 * 1e-9;
+    let head =
+        Pose::new(DQuat::from_rotation_y(0.3 * seconds), DVec3::new(seconds, 1.6 + 0.1 * seconds, 0.0));
+    let mirrored = FieldOfView { left: -FOV.right, right: -FOV.left, ..FOV };
+    let eye = |x, fov| EyeView {
+        space_from_eye: head.then(Pose { position: DVec3::X * x, ..Pose::IDENTITY }),
+        fov,
+    };
+    vec![eye(-0.032, FOV), eye(0.032, mirrored)]
+}
+
+impl Headset for Wearer {
+    fn next_frame(&mut self) -> Outcome<Next> {
+        // Waits for a beat that is not another frame's, until a period before it.
+        let time = (self.last + PERIOD).max(self.clock.get() / PERIOD * PERIOD + PERIOD);
+        self.last = time;
+        self.clock.set(self.clock.get().max(time - PERIOD));
+        Ok(Next::Frame(Frame { time, should_render: self.visible, began: Instant::now() }))
+    }
+
+    fn sizes(&self) -> Vec<(u32, u32)> {
+        vec![SIZE; 2]
+    }
+
+    fn now(&self) -> i64 {
+        self.clock.get()
+    }
+
+    fn deadline(&self, frame: &Frame) -> Deadline {
+        Deadline { time: frame.time, period: Some(PERIOD) }
+    }
+
+    fn locate(&mut self, time: i64) -> Outcome<Option<Vec<EyeView>>> {
+        self.located.push(time);
+        Ok(Some(eyes(time)))
+    }
+
+    fn surprises(&self) -> bool {
+        self.surprises
+    }
+
+    fn input(&mut self, time: i64) -> Outcome<Input> {
+        let look = |right: f64| {
+            let direction =
+                eyes(time)[0].space_from_eye.rotation * DVec3::new(right.sin(), 0.0, -right.cos());
+            Gaze { time, direction, valid: true }
+        };
+        Ok(Input { gaze: self.gaze.map(|right| look(right(time))), ..self.input })
+    }
+
+    fn acquire(&mut self) -> Outcome<Option<Vec<Canvas>>> {
+        Ok(Some(Vec::new()))
+    }
+
+    fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
+        self.ended.push((self.clock.get(), shown.map(<[EyeView]>::to_vec)));
+        Ok(())
+    }
+
+    fn describe(&mut self, status: String) {
+        self.status = status;
+    }
+
+    fn hidden(&self) -> (&[HiddenMesh], u64) {
+        (&[], 0)
+    }
+}
+
+/// Writes down what it was to draw, and takes its time.
+struct Notebook {
+    clock: Rc<Cell<i64>>,
+    /// Nanoseconds that tracing a view takes.
+    cost: i64,
+    drawn: Vec<Drawn>,
+    /// At which instants of the scene.
+    instants: Vec<f64>,
+    applied: usize,
+    toggled: usize,
+}
+
+struct Drawn {
+    traced: Vec<Traced>,
+    seed: u32,
+    exposure: f32,
+    /// Where the views' eyes were said to be, once they were traced.
+    late: Vec<Option<Pose>>,
+}
+
+impl Draw for Notebook {
+    fn draw(
+        &mut self,
+        picture: &Picture,
+        late: &mut dyn FnMut(usize) -> Option<Pose>,
+    ) -> Result<FrameReport> {
+        let mut drawn = Drawn {
+            traced: picture.traced.to_vec(),
+            seed: picture.seed,
+            exposure: picture.exposure,
+            late: Vec::new(),
+        };
+        for index in 0..picture.traced.len() {
+            self.clock.set(self.clock.get() + self.cost);
+            drawn.late.push(late(index));
+        }
+        self.clock.set(self.clock.get() + self.cost / 8);
+        self.drawn.push(drawn);
+        Ok(FrameReport { frame_ms: 2.0 * self.cost as f64 * 1e-6, ..FrameReport::default() })
+    }
+
+    fn apply(&mut self, _: &Config) -> Result<()> {
+        self.applied += 1;
+        Ok(())
+    }
+
+    fn show_at(&mut self, seconds: f64) {
+        self.instants.push(seconds);
+    }
+
+    fn toggle_exposure(&mut self) {
+        self.toggled += 1;
+    }
+
+    fn take_notes(&mut self) -> Vec<String> {
+        Vec::new()
+    }
+}
+
+/// Hears everything.
+#[derive(Default)]
+struct Listener {
+    notes: Vec<String>,
+    shown: Vec<Shown>,
+}
+
+impl Observer for Listener {
+    fn note(&mut self, sentence: &str) {
+        self.notes.push(sentence.to_string());
+    }
+
+    fn shown(&mut self, shown: Shown) -> Result<()> {
+        self.shown.push(shown);
+        Ok(())
+    }
+}
+
+/// What came of some frames.
+struct Run {
+    wearer: Wearer,
+    notebook: Notebook,
+    listener: Listener,
+}
+
+fn per_eye() -> Config {
+    let mut config = Config::default();
+    config.view.stereo = Stereo::PerEye;
+    config.budget.target_ms = crate::config::TargetMs::None;
+    config
+}
+
+/// Frames whose views take `cost` nanoseconds each.
+fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut Wearer)) -> Run {
+    let glb = demo::generate();
+    let scene = Scene::from_glb(std::path::Path::new("demo"), &glb).unwrap();
+    let clock = Rc::new(Cell::new(1000 * PERIOD));
+    let mut run = Run {
+        wearer: Wearer {
+            clock: clock.clone(),
+            last: 0,
+            gaze: None,
+            input: Input::default(),
+            visible: true,
+            surprises: true,
+            located: Vec::new(),
+            ended: Vec::new(),
+            status: String::new(),
+        },
+        notebook: Notebook { clock, cost, drawn: Vec::new(), instants: Vec::new(), applied: 0, toggled: 0 },
+        listener: Listener::default(),
+    };
+    change(&mut run.wearer);
+    let mut frame_loop = FrameLoop::new(config, &scene, Rig::in_place(), None, None);
+    for _ in 0..count {
+        let mut link =
+            Link { headset: &mut run.wearer, draw: &mut run.notebook, observer: &mut run.listener };
+        assert!(frame_loop.step(&mut link, &Keys::default()).unwrap());
+    }
+    run
+}
+
+/// When a picture is seen that was handed over at a time: at the next beat of the display.
+fn beat(handed_over: i64) -> i64 {
+    (handed_over + PERIOD - 1) / PERIOD * PERIOD
+}
+
+fn close(a: Pose, b: Pose) -> bool {
+    (a.position - b.position).length() < 1e-9 && a.rotation.angle_between(b.rotation) < 1e-6
+}
+
+#[test]
+fn what_is_shown_is_seen_from_where_the_eyes_are_then() {
+    for cost in [400_000, 3_000_000, 31_000_000, 170_000_000] {
+        let run = frames(&per_eye(), cost, 8, |_| {});
+        // The first frames learn how long one takes.
+        for frame in 4..8 {
+            let (handed_over, shown) = &run.wearer.ended[frame];
+            let seen = eyes(beat(*handed_over));
+            for (index, (shown, seen)) in shown.as_ref().unwrap().iter().zip(&seen).enumerate() {
+                let error = (shown.space_from_eye.position - seen.space_from_eye.position).length();
+                assert!(
+                    close(shown.space_from_eye, seen.space_from_eye),
+                    "{cost} {frame} {index}: {error} m"
+                );
+            }
+            // What moves is where it is then.
+            let instant = run.notebook.instants[frame] - run.notebook.instants[4];
+            let first = beat(*handed_over) - beat(run.wearer.ended[4].0);
+            assert!((instant - first as f64 * 1e-9).abs() < 1e-9, "{cost} {frame}: {instant}");
+            // What is traced comes from there already, as far as frames take equally long.
+            let traced = &run.notebook.drawn[frame].traced;
+            for (traced, seen) in traced.iter().zip(&seen) {
+                assert!(close(traced.view.world_from_eye, seen.space_from_eye), "{cost} {frame}");
+            }
+            let Shown { ages, .. } = run.listener.shown[frame];
+            assert!(
+                [ages.begin, ages.trace, ages.late].iter().all(|age| age.unwrap().abs() < 1e-6),
+                "{ages:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_late_correction_follows_the_head_where_a_frame_takes_longer_than_expected() {
+    let mut config = per_eye();
+    let corrected = |config: &Config, surprises: bool| {
+        let run = frames(config, 85_000_000, 1, |wearer| wearer.surprises = surprises);
+        let drawn = &run.notebook.drawn[0];
+        let traced: Vec<Pose> = drawn.traced.iter().map(|traced| traced.view.world_from_eye).collect();
+        let shown: Vec<Pose> =
+            run.wearer.ended[0].1.as_ref().unwrap().iter().map(|eye| eye.space_from_eye).collect();
+        (traced, drawn.late.clone(), shown, run.wearer.located)
+    };
+    let (traced, late, shown, located) = corrected(&config, true);
+    // Nothing is known of the first frame's length: its poses are of when it begins, its correction's of when the
+    // first view is traced, for both eyes alike.
+    assert!(close(traced[0], eyes(located[1])[0].space_from_eye));
+    let then = eyes(beat(1000 * PERIOD + 85_000_000));
+    for eye in 0..2 {
+        assert!(close(late[eye].unwrap(), then[eye].space_from_eye), "{eye}");
+        assert!(close(shown[eye], then[eye].space_from_eye), "{eye}");
+    }
+    // Where it is not wanted, or cannot gain anything, nobody is asked.
+    config.headset.late_correction = false;
+    for (config, surprises) in [(&config, true), (&per_eye(), false)] {
+        let (traced, late, shown, located) = corrected(config, surprises);
+        assert_eq!((late, located.len()), (vec![None, None], 2));
+        assert!(close(traced[0], shown[0]) && close(traced[1], shown[1]));
+    }
+}
+
+#[test]
+fn each_eye_sees_its_own_side() {
+    let run = frames(&per_eye(), 1_000_000, 3, |_| {});
+    let Drawn { traced, .. } = &run.notebook.drawn[2];
+    let right = traced[0].view.world_from_eye.rotation * DVec3::X;
+    let apart = (traced[1].view.world_from_eye.position - traced[0].view.world_from_eye.position).dot(right);
+    assert!((apart - 0.064).abs() < 1e-9, "the second eye is to the right: {apart}");
+    assert_eq!([traced[0].parts[0].view, traced[1].parts[0].view], [0, 1]);
+    // With one view for both the left eye sees its left part: fields of view lean outwards.
+    let mut config = per_eye();
+    config.view.stereo = Stereo::Shared;
+    let run = frames(&config, 1_000_000, 3, |_| {});
+    let parts = &run.notebook.drawn[2].traced[0].parts;
+    assert_eq!([parts[0].view, parts[1].view], [0, 1]);
+    assert!(parts[0].source[0] < parts[1].source[0], "{parts:?}");
+}
+
+/// The direction in the tracked space of where a traced view is sharp.
+fn sharp(traced: &Traced) -> DVec3 {
+    let scale = DVec2::new(f64::from(traced.view.width), f64::from(traced.view.height));
+    (traced.view.world_from_eye.rotation * traced.view.eye_direction(traced.fovea.point * scale)).normalize()
+}
+
+#[test]
+fn pictures_are_sharp_where_the_eyes_look_whatever_the_margin() {
+    for margin in [0.0, 0.04, 0.2] {
+        let mut config = per_eye();
+        config.headset.margin = margin;
+        let run = frames(&config, 1_000_000, 40, |wearer| wearer.gaze = Some(|_| 0.25));
+        for (index, traced) in run.notebook.drawn[39].traced.iter().enumerate() {
+            let ahead = traced.view.world_from_eye.rotation;
+            let looked_at = ahead * DVec3::new(0.25f64.sin(), 0.0, -(0.25f64.cos()));
+            let off = sharp(traced).angle_between(looked_at).to_degrees();
+            assert!(off < 1.0, "margin {margin}, eye {index}: {off} degrees beside it");
+            assert!(traced.view.width >= SIZE.0 && (margin == 0.0) == (traced.view.width == SIZE.0));
+        }
+    }
+}
+
+#[test]
+fn the_sharp_region_is_wider_while_the_eyes_jump() {
+    let jumps: fn(i64) -> f64 = |time| if time < 1020 * PERIOD { 0.0 } else { 0.4 };
+    let run = frames(&per_eye(), 1_000_000, 60, |wearer| wearer.gaze = Some(jumps));
+    let widest = |drawn: &[Drawn]| {
+        drawn.iter().flat_map(|d| &d.traced).map(|traced| traced.fovea.widening).fold(0.0, f64::max)
+    };
+    assert_eq!(widest(&run.notebook.drawn[..10]), 1.0);
+    assert!(widest(&run.notebook.drawn) > 1.3);
+    assert!(widest(&run.notebook.drawn[55..]) < 1.2, "and no longer");
+    assert!(run.listener.shown.iter().any(|shown| shown.fovea[0].widening > 1.3), "which is told");
+}
+
+#[test]
+fn each_frame_has_random_numbers_of_its_own_and_the_exposure_that_was_given() {
+    let mut config = per_eye();
+    config.trace.seed = 40;
+    config.view.exposure = crate::config::ExposureConfig::Stops(1.5);
+    let run = frames(&config, 1_000_000, 4, |_| {});
+    let drawn = &run.notebook.drawn;
+    assert_eq!(drawn.iter().map(|drawn| drawn.seed).collect::<Vec<_>>(), [40, 41, 42, 43]);
+    assert!(drawn.iter().all(|drawn| drawn.exposure == 1.5));
+}
+
+#[test]
+fn what_nobody_sees_is_not_traced() {
+    let run = frames(&per_eye(), 1_000_000, 3, |wearer| wearer.visible = false);
+    assert!(run.notebook.drawn.is_empty() && run.listener.shown.is_empty() && run.wearer.located.is_empty());
+    assert_eq!(run.wearer.ended.iter().filter(|(_, shown)| shown.is_none()).count(), 3);
+}
+
+#[test]
+fn time_is_held_told_and_the_exposure_locked_where_that_is_asked() {
+    let mut config = per_eye();
+    let lock = |wearer: &mut Wearer| wearer.input.lock_exposure = true;
+    let run = frames(&config, 1_000_000, 2, lock);
+    assert_eq!((run.notebook.applied, run.notebook.toggled), (0, 2));
+    assert_eq!(run.wearer.status, "0 samples");
+    config.budget.target_ms = crate::config::TargetMs::Ms(0.001);
+    let run = frames(&config, 1_000_000, 12, |_| {});
+    assert_eq!(run.notebook.applied, 12);
+    assert!(run.wearer.status.starts_with("quality 0 %"), "{}", run.wearer.status);
+    let told = run.listener.notes.iter().filter(|note| note.contains("out of reach")).count();
+    assert_eq!(told, 1, "{:?}", run.listener.notes);
+}
+
+#[test]
+fn a_field_of_view_is_scaled_as_a_whole() {
+    let fov = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.4 };
+    let scaled = scaled(fov, 60f64.to_radians());
+    assert!((scaled.up - scaled.down - 2.0 * 30f64.to_radians().tan()).abs() < 1e-12);
+    assert!((scaled.left / scaled.right + 1.5).abs() < 1e-12);
+}
