@@ -18,9 +18,7 @@ fn of_git() -> Option<String> {
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_string())
     };
     // A package below somebody else's repository has a commit of its own.
-    if git(&["ls-files", "--error-unmatch", "build/version.rs"]).is_none() {
-        return None;
-    }
+    git(&["ls-files", "--error-unmatch", "build/version.rs"])?;
     let log = git(&["rev-parse", "--git-path", "logs/HEAD"])?;
     if std::path::Path::new(&log).exists() {
         println!("cargo:rerun-if-changed={log}");

@@ -13,6 +13,8 @@ pub mod math;
 pub mod places;
 pub mod private_file;
 pub mod progress;
+pub mod system;
+pub mod waiting;
 pub mod whole_file;
 
 pub mod bvh;

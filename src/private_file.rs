@@ -1,20 +1,12 @@
 //! Files of the user's cache: in folders of this user alone, and never through a link, a pipe or a device that
 //! somebody has put in a file's place.
 
-use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io::{BufWriter, ErrorKind};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::fs::{self, File, OpenOptions};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
-
 use crate::error::{Error, Result};
-use crate::{places, whole_file};
-
-/// Nobody but the owner may do anything.
-const PRIVATE: u32 = 0o700;
-/// Group and others may write.
-const OTHERS_WRITE: u32 = 0o022;
+use crate::{places, system, whole_file};
 
 /// The program's part of the user's cache ([`places::cache`]); `None` without a home.
 pub fn user_folder() -> Option<PathBuf> {
@@ -27,10 +19,9 @@ pub fn open(path: &Path) -> Option<File> {
     if !is_ours(path.parent()?) {
         return None;
     }
-    // Without waiting: a pipe would wait for somebody who writes.
-    let file = OpenOptions::new().read(true).custom_flags(O_NOFOLLOW | O_NONBLOCK).open(path).ok()?;
+    let file = system::direct(OpenOptions::new().read(true)).open(path).ok()?;
     let about = file.metadata().ok()?;
-    (about.is_file() && about.uid() == user()).then_some(file)
+    (about.is_file() && system::is_own(&about)).then_some(file)
 }
 
 /// Writes a file with `fill`, in a folder that is made where it is missing; what has its name is replaced, be it a
@@ -40,7 +31,7 @@ pub fn open(path: &Path) -> Option<File> {
 /// What `fill` says, or [`Error::File`] where the folder is another user's or cannot be written.
 pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
-    make(folder).map_err(|e| Error::writing(folder, &e))?;
+    system::make_private(folder).map_err(|e| Error::writing(folder, &e))?;
     if !is_ours(folder) {
         let problem = "others may write to it; make it yours alone (chmod 700)".to_string();
         return Err(Error::File { path: folder.to_path_buf(), problem });
@@ -48,34 +39,16 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>)
     whole_file::replace(path, fill)
 }
 
-/// Makes a folder for this user alone, and those above it that are missing.
-fn make(folder: &Path) -> std::io::Result<()> {
-    match DirBuilder::new().recursive(true).mode(PRIVATE).create(folder) {
-        Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
-        _ => Ok(()),
-    }
-}
-
-/// Whether a folder is this user's, not through a link, and nobody else may write to it. What others may read is made
-/// private.
+/// Whether a folder is this user's alone, not through a link.
 fn is_ours(folder: &Path) -> bool {
-    let Ok(about) = fs::symlink_metadata(folder) else { return false };
-    let ours = about.is_dir() && about.uid() == user() && about.mode() & OTHERS_WRITE == 0;
-    if ours && about.mode() & 0o077 != 0 {
-        let _ = fs::set_permissions(folder, fs::Permissions::from_mode(PRIVATE));
-    }
-    ours
+    fs::symlink_metadata(folder).is_ok_and(|about| about.is_dir() && system::is_private(folder, &about))
 }
 
-fn user() -> u32 {
-    nix::unistd::geteuid().as_raw()
-}
-
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
     use std::io::{Read, Write};
-    use std::os::unix::fs::symlink;
+    use std::os::unix::fs::{PermissionsExt, symlink};
 
     fn put(path: &Path, text: &str) -> Result<()> {
         write(path, |file| file.write_all(text.as_bytes()).map_err(|e| Error::writing(path, &e)))

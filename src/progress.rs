@@ -31,6 +31,14 @@ pub fn suspended<T>(run: impl FnOnce() -> T) -> T {
     LINES.suspend(run)
 }
 
+/// Tells the operator something on standard error, as one line that begins with the program's name.
+/// Nobody who reads it is no error.
+pub fn complain(message: &str) {
+    use std::io::Write;
+    let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let _ = suspended(|| writeln!(std::io::stderr(), "foveate: {}", line.trim_end()));
+}
+
 fn started(bar: ProgressBar, what: &str, template: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     let bar = LINES.add(bar.with_style(style).with_message(what.to_string()));

@@ -4,16 +4,13 @@
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, ErrorKind, Read, Write};
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use nix::fcntl::{Flock, FlockArg};
-use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
-
 use crate::error::{Error, Result};
+use crate::system;
 
 /// Tells whether [`write`] can succeed, so that nobody waits for a picture that has no place to go.
 /// Changes nothing.
@@ -168,13 +165,10 @@ fn is_abandoned(path: &Path, process: &str) -> bool {
     let about = fs::symlink_metadata(path);
     let Some(about) = about.ok().filter(fs::Metadata::is_file) else { return false };
     let age = about.modified().ok().and_then(|at| at.elapsed().ok()).unwrap_or_default();
-    if process.parse() == Ok(std::process::id())
-        || age < JUST_BEGUN && Path::new("/proc").join(process).exists()
-    {
+    if process.parse() == Ok(std::process::id()) || age < JUST_BEGUN && system::runs(process) {
         return false;
     }
-    let file = OpenOptions::new().write(true).custom_flags(O_NOFOLLOW | O_NONBLOCK).open(path);
-    file.is_ok_and(|file| Flock::lock(file, FlockArg::LockExclusiveNonblock).is_ok())
+    !system::is_written(path)
 }
 
 /// The file that a link points at, and any other path as it is.
@@ -187,7 +181,7 @@ struct Draft {
     temporary: PathBuf,
     file: BufWriter<File>,
     /// Tells others that it is being written; some file systems have no locks.
-    _lock: Option<Flock<File>>,
+    _lock: Option<system::Lock>,
 }
 
 impl Draft {
@@ -210,8 +204,7 @@ impl Draft {
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
                 Ok(file) => {
-                    let lock = file.try_clone().ok();
-                    let lock = lock.and_then(|file| Flock::lock(file, FlockArg::LockExclusiveNonblock).ok());
+                    let lock = file.try_clone().ok().and_then(system::lock);
                     return Ok(Draft { temporary, file: BufWriter::new(file), _lock: lock });
                 }
             }
@@ -226,7 +219,7 @@ impl Drop for Draft {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
 
@@ -293,7 +286,7 @@ mod tests {
         fs::write(at("other.part"), "kept").unwrap();
         let written = at(".foveate-99999998-1.part");
         fs::write(&written, "under way").unwrap();
-        let lock = Flock::lock(File::open(&written).unwrap(), FlockArg::LockExclusiveNonblock).unwrap();
+        let lock = system::lock(File::open(&written).unwrap()).unwrap();
         std::os::unix::fs::symlink(at("other.part"), at(".foveate-99999999-4.part")).unwrap();
         put(&at("a"), "new").unwrap();
         let left = names(folder.path());

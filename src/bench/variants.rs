@@ -137,7 +137,11 @@ fn judge(device: &Device, hits: &[HitRecord], truth: &[(usize, Option<f64>)]) ->
     let is_wrong = |(index, truth): &&(usize, Option<f64>)| {
         let hit = hits.get(*index).filter(|hit| hit.triangle != u32::MAX).map(|hit| f64::from(hit.t));
         match (hit, truth) {
-            (Some(found), Some(truth)) => !((found - truth).abs() <= DEPTH * truth),
+            (Some(found), Some(truth)) => {
+                // Not a number is not near.
+                let near = (found - truth).abs() <= DEPTH * truth;
+                !near
+            }
             (None, None) => false,
             _ => true,
         }

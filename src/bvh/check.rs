@@ -150,7 +150,7 @@ mod tests {
     /// Triangles of all sizes, some of them long.
     fn heap(count: usize) -> (Vec<Vec3>, Vec<[u32; 3]>) {
         let at = |i: usize| Vec3::new((i * 37 % 101) as f32, (i * 53 % 89) as f32, (i * 71 % 97) as f32);
-        let long = |i: usize| if i % 50 == 0 { 200.0 } else { 3.0 };
+        let long = |i: usize| if i.is_multiple_of(50) { 200.0 } else { 3.0 };
         let corner = |i: usize| at(i / 3) + at(i) * 0.01 * long(i / 3);
         (
             (0..3 * count).map(corner).collect(),
@@ -207,8 +207,8 @@ mod tests {
             node.children.iter_mut().filter(|c| **c & LEAF == 0).for_each(|c| *c += shift);
         });
         refused("two leaves", &|tree| {
-            let leaves = tree.nodes.iter().flat_map(|node| node.children);
-            let leaf = leaves.filter(|&c| c & LEAF != 0 && c != EMPTY).last().unwrap();
+            let mut leaves = tree.nodes.iter().flat_map(|node| node.children);
+            let leaf = leaves.rfind(|&c| c & LEAF != 0 && c != EMPTY).unwrap();
             let node =
                 tree.nodes.iter_mut().find(|n| n.children[0] & LEAF != 0 && n.children[0] != leaf).unwrap();
             node.children = [leaf, EMPTY, EMPTY, EMPTY, EMPTY, EMPTY, EMPTY, EMPTY];

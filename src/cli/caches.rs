@@ -2,7 +2,11 @@
 
 use std::path::PathBuf;
 
-use crate::{places, whole_file};
+use crate::{places, system, whole_file};
+
+/// Drivers that cannot keep what they have built say that kernels are wrong: with less than this many bytes free, a
+/// disk is full for them.
+const LEAST_BYTES: u64 = 16 << 20;
 
 /// What `XDG_CACHE_HOME` is to be for this run, and what the operator should know of it; nothing where the user's
 /// folder for caches can be used, or there is no better place.
@@ -11,7 +15,8 @@ use crate::{places, whole_file};
 /// that nobody else may enter. PoCL, Mesa and this program keep what they have built there.
 pub fn elsewhere() -> Option<(PathBuf, String)> {
     let usual = places::cache();
-    if usual.as_deref().is_some_and(|folder| whole_file::check_folder(folder).is_ok()) {
+    let full = usual.as_deref().and_then(system::free_bytes).is_some_and(|free| free < LEAST_BYTES);
+    if usual.as_deref().is_some_and(|folder| !full && whole_file::check_folder(folder).is_ok()) {
         return None;
     }
     let place = std::env::var_os("XDG_RUNTIME_DIR")
@@ -20,7 +25,8 @@ pub fn elsewhere() -> Option<(PathBuf, String)> {
         .map(|folder| folder.join("foveate-cache"))
         .or_else(private)?;
     let told = usual.map_or("there is no folder for caches".to_string(), |usual| {
-        format!("caches cannot be kept in {}", usual.display())
+        let why = if full { ", whose disk is full" } else { "" };
+        format!("caches cannot be kept in {}{why}", usual.display())
     });
     let place_shown = place.display();
     Some((

@@ -18,7 +18,7 @@ use crate::scene::{Scene, generate};
 /// Arguments of `foveate demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A glTF 2.0 file, .gltf or .glb, to show instead of the demo scene.
+    /// A file, .gltf, .glb or .obj, to show instead of the demo scene.
     scene: Option<PathBuf>,
     /// Folder for pictures, contact sheet, animated preview and frames.jsonl.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
@@ -67,6 +67,9 @@ pub fn run(args: &Args) -> Result<()> {
     let mut defaults = stereo_defaults();
     if args.window && args.headset.is_none() {
         defaults.view.stereo = Stereo::Mono;
+    }
+    if args.scene.is_none() {
+        args.options.scene.refuse("it chooses in a file, and the demo scene is shown; give a file too")?;
     }
     let mut layers = args.options.layers(Layers::over(defaults))?;
     let config = args.speed.over(args.options.finished(&layers)?)?;

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Renderer, Step};
 use crate::gpu::opencl::{Device, DeviceInfo, device, why_none};
 use crate::gpu::vulkan::{Context, ContextOptions};
+use crate::waiting::{self, Limits};
 
 /// The devices that a frame needs.
 pub struct Machine {
@@ -31,7 +32,10 @@ impl Machine {
     /// As [`Machine::open`].
     pub fn open_with(config: &DevicesConfig, options: ContextOptions) -> Result<Machine> {
         let wanted = (!config.vulkan.is_empty()).then(|| config.vulkan.clone());
-        Self::presenting(Context::new(&ContextOptions { device: wanted, ..options })?, config)
+        let options = ContextOptions { device: wanted, ..options };
+        let opened =
+            waiting::ask("Vulkan", "Vulkan's driver", Limits::MOMENTS, move || Context::new(&options));
+        Self::presenting(opened??, config)
     }
 
     /// Opens the devices that trace for one that presents.
@@ -39,7 +43,8 @@ impl Machine {
     /// # Errors
     /// [`Error::NoDevice`] where there is none, with the next step.
     pub fn presenting(context: Context, config: &DevicesConfig) -> Result<Machine> {
-        let devices = open(&device::list(), config, &context.report().uuid)?;
+        let all = waiting::ask("OpenCL", "an OpenCL driver", Limits::MOMENTS, device::list)?;
+        let devices = open(&all, config, &context.report().uuid)?;
         Ok(Machine { device: devices[0].clone(), devices, context })
     }
 
@@ -92,7 +97,8 @@ pub fn open(all: &[DeviceInfo], config: &DevicesConfig, presenting: &[u8; 16]) -
         }
     }
     // One that refuses is an error where it was asked for, and no loss where others are.
-    let opened: Vec<Result<Device>> = infos.iter().map(Device::open).collect();
+    let opening = move || infos.iter().map(Device::open).collect::<Vec<_>>();
+    let opened = waiting::ask("OpenCL", "an OpenCL driver", Limits::MOMENTS, opening)?;
     if !config.opencl.is_empty() || opened.iter().all(Result::is_err) {
         return opened.into_iter().collect();
     }

@@ -18,7 +18,7 @@ mod window;
 use clap::{Parser, Subcommand};
 
 use crate::error::{Error, Result};
-use crate::progress;
+pub use crate::progress::complain;
 
 /// Ray-traces a glTF scene for a headset: sharp where the eye looks, sparse elsewhere.
 #[derive(Debug, Parser)]
@@ -122,12 +122,4 @@ pub fn fail(error: &Error, json: bool) {
     } else {
         complain(&error.to_string());
     }
-}
-
-/// Tells the operator something on standard error, as one line that begins with the program's name.
-/// Nobody who reads it is no error.
-pub fn complain(message: &str) {
-    use std::io::Write;
-    let line: String = message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    let _ = progress::suspended(|| writeln!(std::io::stderr(), "foveate: {}", line.trim_end()));
 }

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::math::view::FieldOfView;
 
 use flags::{Flag, lay};
-pub use flags::{GazeFlag, LightFlags, SampleFlags, SpeedFlag, TargetFlags, ViewFlags};
+pub use flags::{GazeFlag, LightFlags, SampleFlags, SceneFlags, SpeedFlag, TargetFlags, ViewFlags};
 
 /// Settings from files and `--set`.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -43,25 +43,6 @@ pub struct ConfigOptions {
     /// all that work by default.
     #[arg(long, visible_alias = "device", value_name = "NAME,...")]
     devices: Option<String>,
-    /// The camera to look through, by name or by number from 0; `foveate scene info` lists them.
-    #[arg(long, value_name = "NAME|N", help_heading = "Scene")]
-    camera: Option<String>,
-    /// The scene of the file to show, by name or by number from 0.
-    #[arg(long = "scene", value_name = "NAME|N", help_heading = "Scene")]
-    scene_name: Option<String>,
-    /// The variant of the file's materials, by name or by number from 0.
-    #[arg(long, value_name = "NAME|N", help_heading = "Scene")]
-    variant: Option<String>,
-    /// The animations that play: auto (each that moves nothing which an earlier one moves), all, none, or one by name or
-    /// by number from 0.
-    #[arg(long, value_name = "NAME|N|all|none", help_heading = "Scene")]
-    animation: Option<String>,
-    /// Seconds for which animations have played; 0 by default.
-    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, help_heading = "Scene")]
-    time: Option<f64>,
-    /// Metres that a unit of the file is, such as 0.01 for one in centimetres.
-    #[arg(long, value_name = "METRES", help_heading = "Scene")]
-    scale: Option<f64>,
     /// Print one JSON object on standard output instead of text, and errors as one on standard error.
     #[arg(long)]
     pub json: bool,
@@ -81,19 +62,6 @@ impl ConfigOptions {
                 return Err(Error::setting("--devices", problem));
             }
             layers.set("devices.opencl", devices.as_str()).map_err(|e| renamed(e, "--devices"))?;
-        }
-        let text = |value: &Option<String>| value.clone().map(toml::Value::String);
-        let flags = [
-            ("--camera", "scene.camera", text(&self.camera)),
-            ("--scene", "scene.name", text(&self.scene_name)),
-            ("--variant", "scene.variant", text(&self.variant)),
-            ("--animation", "scene.animation", text(&self.animation)),
-            ("--time", "scene.time", self.time.map(toml::Value::Float)),
-            ("--scale", "scene.scale", self.scale.map(toml::Value::Float)),
-        ];
-        for (flag, key, value) in flags {
-            let Some(value) = value else { continue };
-            layers.set(key, value).and_then(|()| layers.check()).map_err(|e| renamed(e, flag))?;
         }
         Ok(layers)
     }
@@ -202,6 +170,8 @@ pub struct RenderOptions {
     #[command(flatten)]
     pub config: ConfigOptions,
     #[command(flatten)]
+    pub scene: SceneFlags,
+    #[command(flatten)]
     targets: TargetFlags,
     #[command(flatten)]
     pub view: ViewFlags,
@@ -223,7 +193,7 @@ impl Options for RenderOptions {
     }
 
     fn flags(&self) -> Result<Vec<Flag>> {
-        Ok([self.view.given()?, self.samples.given(), self.light.given()].concat())
+        Ok([self.scene.given(), self.view.given()?, self.samples.given(), self.light.given()].concat())
     }
 }
 
@@ -234,6 +204,8 @@ pub struct MeasureOptions {
     preset: PresetFlag,
     #[command(flatten)]
     pub config: ConfigOptions,
+    #[command(flatten)]
+    pub scene: SceneFlags,
     #[command(flatten)]
     pub view: ViewFlags,
     #[command(flatten)]
@@ -248,7 +220,7 @@ impl Options for MeasureOptions {
     }
 
     fn flags(&self) -> Result<Vec<Flag>> {
-        Ok([self.view.given()?, self.samples.given(), self.light.given()].concat())
+        Ok([self.scene.given(), self.view.given()?, self.samples.given(), self.light.given()].concat())
     }
 }
 
@@ -259,6 +231,8 @@ pub struct RayOptions {
     preset: PresetFlag,
     #[command(flatten)]
     pub config: ConfigOptions,
+    #[command(flatten)]
+    pub scene: SceneFlags,
     #[command(flatten)]
     pub view: ViewFlags,
     #[command(flatten)]
@@ -273,7 +247,7 @@ impl Options for RayOptions {
     }
 
     fn flags(&self) -> Result<Vec<Flag>> {
-        Ok([self.view.given()?, self.samples.given()].concat())
+        Ok([self.scene.given(), self.view.given()?, self.samples.given()].concat())
     }
 }
 

@@ -94,6 +94,7 @@ pub fn stop_signal() -> Result<Arc<AtomicBool>> {
     let asked = stop.clone();
     let mut first = None;
     let handler = move || {
+        crate::waiting::leave();
         let first = *first.get_or_insert_with(Instant::now);
         if asked.swap(true, Ordering::Relaxed) && first.elapsed() > ONE_WISH {
             watchdog::leave_now();

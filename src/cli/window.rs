@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -23,7 +22,7 @@ use crate::headset::rift_dk1::device::{Status, Tracker};
 use crate::headset::rift_dk1::optics::{Eye, Optics, REFRESH_HZ};
 use crate::headset::{Eyepiece, Fault, Keys, Outcome, Setting, Windowed};
 use crate::scene::default_viewpoint;
-use crate::session::{FoveaPoint, FrameLoop, Link, Observer, Rig, Shown, Traced};
+use crate::session::{Absence, FoveaPoint, FrameLoop, Link, Observer, Rig, Shown, Traced};
 
 /// How long a tracker that is plugged in may take to send its first report.
 const PATIENCE: Duration = Duration::from_secs(8);
@@ -67,7 +66,7 @@ impl Show<'_> {
             let problem = "a headset shows two eyes' pictures; choose per-eye or shared";
             return Err(Error::setting("view.stereo", problem));
         }
-        let stop = stop_on_signals()?;
+        let stop = super::run::stop_signal()?;
         let tracker = self.headset.map(|_| Tracker::start(memory(&self.config.dk1), None)).transpose()?;
         let panel = Panel::connect()?;
         let options = panel.vulkan_options()?;
@@ -101,6 +100,8 @@ impl Show<'_> {
         let mut renderer = self.with_lenses(renderer, &headset)?;
         let mut ledger = Ledger::default();
         let mut frame_loop = FrameLoop::new(self.config, &loaded.scene, Rig::in_place(), None, None);
+        renderer.set_comeback(Absence::COMEBACK);
+        frame_loop.hold_pictures();
         let mut link = Link { headset: &mut headset, draw: &mut renderer, observer: &mut ledger };
         show(&mut frame_loop, &mut link).map_err(Fault::into_error)?;
         let steps: Vec<Step> = loaded.steps.iter().chain(&steps).copied().collect();
@@ -163,17 +164,6 @@ fn show(frame_loop: &mut FrameLoop, link: &mut Link) -> Outcome<()> {
     frame_loop.warm_up(link, 1)?;
     while frame_loop.step(link, &Keys::default())? {}
     Ok(())
-}
-
-/// Set once the user or the system asks the program to end.
-fn stop_on_signals() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = stop.clone();
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(|error| Error::Device {
-        device: "this system".to_string(),
-        problem: format!("Ctrl-C cannot be listened to ({error}); start the program again"),
-    })?;
-    Ok(stop)
 }
 
 /// Waits until the tracker is heard, or it is clear that it will not be; tells the user why, then.

@@ -21,6 +21,7 @@ use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
 use crate::scene::Sun;
 use crate::trace::{self, Fleet, Job, MovingScene, SampleTarget, SceneData, SceneState};
+use crate::waiting::{self, Limits};
 
 /// What the finished picture's numbers are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -179,7 +180,7 @@ impl Renderer {
         config: &Config,
         output: Output,
     ) -> Result<(Self, Vec<Step>)> {
-        let probe = || Ok(devices.first().map_or(Sharing::Staged, |device| interop::probe(device, context)));
+        let probe = || Ok(devices.first().map_or(Sharing::Staged, |device| probe(device, context)));
         let (sharing, probe_step) = timed("sharing probe", probe)?;
         let (fleet, fleet_step) =
             timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
@@ -478,6 +479,12 @@ impl Renderer {
         self.scheduler.fleet()
     }
 
+    /// A frame waits so long for a device when none is left, then fails with [`crate::Error::NoDevice`]; the picture
+    /// stays as it was, and the next frame may find one. A minute, unless told otherwise.
+    pub fn set_comeback(&mut self, comeback: std::time::Duration) {
+        self.scheduler.set_comeback(comeback);
+    }
+
     /// What the operator should know of devices that were left out, have failed or come back; each once.
     pub fn take_notes(&mut self) -> Vec<String> {
         self.scheduler.take_notes()
@@ -529,6 +536,13 @@ impl Renderer {
     pub fn set_jitter(&mut self, jitter: bool) {
         self.settings.jitter = jitter;
     }
+}
+
+/// How samples cross; copies where the drivers do not answer.
+fn probe(device: &Device, context: &Context) -> Sharing {
+    let (who, of, context) = (device.info().name.clone(), device.clone(), context.clone());
+    let asked = waiting::ask("OpenCL", &who, Limits::BUILDING, move || interop::probe(&of, &context));
+    asked.unwrap_or(Sharing::Staged)
 }
 
 /// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.

@@ -8,8 +8,9 @@ use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
 use crate::trace::{Fleet, Job, PartResult, State};
+use crate::{progress, waiting};
 
-/// How long a frame waits for a device to come back when none is left.
+/// How long a frame waits for a device to come back when none is left, unless told otherwise.
 const COMEBACK: Duration = Duration::from_secs(60);
 
 /// What a device did in a frame.
@@ -43,12 +44,13 @@ pub struct Scheduler {
     balancer: Balancer,
     /// Writes results in place: the fleet's first device.
     direct: Option<Device>,
+    comeback: Duration,
 }
 
 impl Scheduler {
     /// `direct` is the fleet's first device, where it writes results in place.
     pub fn new(fleet: Fleet, direct: Option<Device>) -> Self {
-        Scheduler { balancer: Balancer::new(fleet.count()), fleet, direct }
+        Scheduler { balancer: Balancer::new(fleet.count()), fleet, direct, comeback: COMEBACK }
     }
 
     /// The device that writes results in place, as long as it does.
@@ -59,6 +61,12 @@ impl Scheduler {
     /// The devices.
     pub fn fleet(&self) -> &Fleet {
         &self.fleet
+    }
+
+    /// A frame waits so long for a device to come back when none is left: a minute, unless told otherwise. What is
+    /// longer than a second is told at once.
+    pub fn set_comeback(&mut self, comeback: Duration) {
+        self.comeback = comeback;
     }
 
     /// Sentences for the operator, each once.
@@ -105,15 +113,28 @@ impl Scheduler {
 
     /// The whole view for a device that has come back, where all had left.
     fn wait_for_one(&mut self, job: &Job) -> Result<Vec<(usize, Part)>> {
-        while self.fleet.wait(COMEBACK) {
+        let mut notes = self.fleet.take_notes();
+        if self.comeback >= Duration::from_secs(1) {
+            let seconds = self.comeback.as_secs();
+            notes.push(format!(
+                "no device is left to trace with; waiting {seconds} s for one to come back, Ctrl-C ends"
+            ));
+            notes.drain(..).for_each(|note| progress::complain(&note));
+        }
+        while self.fleet.wait(self.comeback) {
             self.know_present();
             let parts = self.balancer.split(job.index, &job.workload);
             if !parts.is_empty() {
                 return Ok(parts);
             }
         }
-        let problem = self.fleet.take_notes().join("; ");
-        Err(Error::NoDevice { kind: "OpenCL", problem: format!("none is left to trace with: {problem}") })
+        if self.comeback >= Duration::from_secs(1) {
+            waiting::give_up();
+        }
+        notes.extend(self.fleet.take_notes());
+        notes.push("run `foveate devices`, and start the program again when it lists one".to_string());
+        let problem = format!("none is left to trace with; {}", notes.join("; "));
+        Err(Error::NoDevice { kind: "OpenCL", problem })
     }
 
     fn know_present(&mut self) {

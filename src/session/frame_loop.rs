@@ -7,12 +7,12 @@ use glam::DVec2;
 use super::draw::{Draw, Picture};
 use super::gaze::Looks;
 use super::rig::{Rig, between};
-use super::{Asking, FoveaPoint, Observer, Pace, Shown, Traced};
+use super::{Absence, Asking, FoveaPoint, Observer, Pace, Shown, Traced};
 use crate::config::{Config, HeadsetConfig, Stereo};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::frame::FrameReport;
 use crate::frame::budget::{self, Controller, QualityState};
-use crate::headset::{Canvas, EyeView, Frame, Headset, Input, Keys, Next, Outcome};
+use crate::headset::{Canvas, EyeView, Fault, Frame, Headset, Input, Keys, Next, Outcome};
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::scene::Scene;
@@ -47,6 +47,8 @@ pub struct FrameLoop<'a> {
     frames: u64,
     /// Drivers have finished their kernels.
     warm: bool,
+    /// Where the headset holds its last picture while no device is left.
+    absence: Option<Absence>,
 }
 
 /// A picture that is ready to be handed over.
@@ -80,7 +82,14 @@ impl<'a> FrameLoop<'a> {
             begun: None,
             frames: 0,
             warm: false,
+            absence: None,
         }
+    }
+
+    /// Frames for which no device is left are left out from now on, for a minute: the headset shows its last picture
+    /// as long.
+    pub fn hold_pictures(&mut self) {
+        self.absence = Some(Absence::default());
     }
 
     /// Pictures shown so far.
@@ -165,12 +174,27 @@ impl<'a> FrameLoop<'a> {
         let asked = Instant::now();
         let (traced, fovea) = self.plan(link.headset, &input, &eyes, time)?;
         let picture = self.picture(&traced, &canvases);
-        let (report, shown, corrected) = self.draw(link, frame, &picture, &eyes)?;
+        let (report, shown, corrected) = match self.draw(link, frame, &picture, &eyes) {
+            Err(Fault::Fatal(error)) => return self.bear(link, frame, error),
+            drawn => drawn?,
+        };
+        if let Some(note) = self.absence.as_mut().and_then(Absence::end) {
+            link.observer.note(note);
+        }
         let made = Made { report, shown, asked: corrected.unwrap_or(asked), fovea };
         self.hand_over(link, frame, made, held)
     }
 
-    /// Ends a frame that shows nothing.
+    /// Ends a frame whose picture could not be made, if that may pass.
+    fn bear(&mut self, link: &mut Link, frame: &Frame, error: Error) -> Outcome<()> {
+        let Some(absence) = &mut self.absence else { return Err(error.into()) };
+        let told = absence.bear(error, Instant::now())?;
+        link.draw.take_notes().iter().for_each(|note| link.observer.note(note));
+        told.iter().for_each(|note| link.observer.note(note));
+        self.skip(link, frame)
+    }
+
+    /// Ends a frame that shows nothing new.
     fn skip(&mut self, link: &mut Link, frame: &Frame) -> Outcome<()> {
         self.pace.skip();
         link.headset.end(frame, None)

@@ -3,6 +3,7 @@
 //! [`FrameLoop::step`] is the page to read: it asks a [`Headset`](crate::headset::Headset) for a frame, poses and
 //! gaze, has a [`Draw`] make the picture, hands it over, and tells an [`Observer`].
 
+mod absence;
 mod draw;
 mod frame_loop;
 mod gaze;
@@ -17,6 +18,7 @@ use crate::frame::log::{Ages, FrameRecord};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 
+pub use absence::Absence;
 pub use draw::{Draw, Picture};
 pub use frame_loop::{FrameLoop, Link};
 pub use pace::{Asking, Pace};

@@ -12,6 +12,8 @@ use super::{SceneData, Traversals};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
+use crate::progress;
+use crate::waiting::{self, Limits};
 
 /// Opens a worker: called on the worker's own thread, at start and again after a failure. The number counts the
 /// times.
@@ -20,10 +22,8 @@ pub type Opener = Box<dyn Fn(u32) -> Result<Box<dyn Worker>> + Send>;
 /// A device, and its variants of the kernels or why it is of no use.
 pub type Tried = (Device, std::result::Result<Traversals, String>);
 
-/// How long devices may take to open: drivers build kernels meanwhile.
-const OPENING: Duration = Duration::from_secs(600);
-/// How long a device's first part may take: some drivers build kernels at the first launch.
-const FIRST_PART: Duration = Duration::from_secs(300);
+/// How long devices may take to open, and for their first part: drivers build kernels meanwhile.
+const BUILDING: Limits = Limits::BUILDING;
 /// A part may take this long at least, and this many times as long as parts have taken lately.
 const PATIENCE: Duration = Duration::from_secs(3);
 const PATIENCE_FACTOR: f64 = 20.0;
@@ -152,13 +152,19 @@ impl Fleet {
     }
 
     fn wait_open(&mut self) {
-        let deadline = Instant::now() + OPENING;
-        while self.members.iter().any(|m| m.state == State::Opening) {
-            let left = deadline.saturating_duration_since(Instant::now());
-            match self.answers.recv_timeout(left) {
-                Ok((index, answer)) => drop(self.hear(index, answer)),
-                Err(_) => break,
-            }
+        while let Some(waiting) = self.members.iter().find(|m| m.state == State::Opening) {
+            let heard =
+                waiting::wait_for(&waiting.name, BUILDING, |step| self.answers.recv_timeout(step).ok());
+            let Some((index, answer)) = heard else { break };
+            drop(self.hear(index, answer));
+        }
+        for member in self.members.iter_mut().filter(|m| m.state == State::Opening) {
+            waiting::give_up();
+            let seconds = BUILDING.end.as_secs();
+            let why =
+                format!("{} has not answered for {seconds} s; leave it out with --devices", member.name);
+            self.notes.push(why.clone());
+            (member.failed, member.state) = (true, State::Out(why));
         }
     }
 
@@ -184,11 +190,13 @@ impl Fleet {
 
     /// Waits until a device takes part, for so long at most; tells whether one does.
     pub fn wait(&mut self, most: Duration) -> bool {
-        let deadline = Instant::now() + most;
+        let start = Instant::now();
         while !self.members.iter().any(|m| m.state == State::Ready) {
-            match self.answers.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+            let left = most.saturating_sub(start.elapsed());
+            match self.answers.recv_timeout(left.min(waiting::STEP)) {
                 Ok((index, answer)) => drop(self.hear(index, answer)),
-                Err(_) => return false,
+                Err(_) if left.is_zero() || waiting::leaves(start.elapsed()) => return false,
+                Err(_) => {}
             }
         }
         true
@@ -206,6 +214,7 @@ impl Fleet {
     pub fn trace(&mut self, job: &Arc<Job>, parts: &[(usize, Part)]) -> Round {
         self.round += 1;
         let (mut round, start) = (Round::default(), Instant::now());
+        let mut silent_at = Some(start + BUILDING.told);
         let mut waiting: HashMap<usize, (Part, Instant)> = HashMap::new();
         for (index, part) in parts {
             let order = Order { round: self.round, job: job.clone(), part: part.clone() };
@@ -219,7 +228,7 @@ impl Fleet {
         }
         while let Some(deadline) = waiting.values().map(|(_, deadline)| *deadline).min() {
             let left = deadline.saturating_duration_since(Instant::now());
-            match self.answers.recv_timeout(left) {
+            match self.answers.recv_timeout(left.min(waiting::STEP)) {
                 Ok((index, answer)) => {
                     let done = self.hear(index, answer);
                     if self.members[index].state != State::Ready {
@@ -233,14 +242,16 @@ impl Fleet {
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     let now = Instant::now();
+                    let leaves = waiting::leaves(start.elapsed());
+                    if silent_at.take_if(|at| *at <= now).is_some() {
+                        self.tell_silent(waiting.keys());
+                    }
+                    let is_late = |deadline: Instant| deadline <= now || leaves;
                     let late: Vec<usize> =
-                        waiting.iter().filter(|(_, w)| w.1 <= now).map(|(&index, _)| index).collect();
+                        waiting.iter().filter(|(_, w)| is_late(w.1)).map(|(&index, _)| index).collect();
                     for index in late {
                         round.lost.extend(waiting.remove(&index).map(|(part, _)| part));
-                        self.members[index].state = State::Late;
-                        let name = &self.members[index].name;
-                        self.notes
-                            .push(format!("{name} does not answer; the others do its part until it does"));
+                        self.leave_late(index);
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => {
@@ -251,10 +262,31 @@ impl Fleet {
         round
     }
 
+    /// Tells at once who is waited for: a frame does not end meanwhile.
+    fn tell_silent<'a>(&self, waiting: impl Iterator<Item = &'a usize>) {
+        let names: Vec<&str> = waiting.map(|&index| self.members[index].name.as_str()).collect();
+        let seconds = BUILDING.told.as_secs();
+        let told =
+            format!("{} has not answered for {seconds} s; waiting for it, Ctrl-C ends", names.join(" and "));
+        progress::complain(&told);
+    }
+
+    /// Goes on without a device that does not answer.
+    fn leave_late(&mut self, index: usize) {
+        self.members[index].state = State::Late;
+        let rest = match self.members.iter().any(|m| m.state == State::Ready) {
+            true => "; the others do its part until it does",
+            false => "",
+        };
+        self.notes.push(format!("{} does not answer{rest}", self.members[index].name));
+    }
+
     /// Takes an answer in; what was traced in this round is handed on.
     fn hear(&mut self, index: usize, answer: Answer) -> Option<PartResult> {
+        let others = self.members.iter().enumerate().any(|(i, m)| i != index && m.state == State::Ready);
+        let left =
+            |why: &str| if others { format!("{why}; the others do its part") } else { why.to_string() };
         let member = &mut self.members[index];
-        let left = |why: &str| format!("{why}; the others do its part");
         match answer {
             Answer::Opened(Ok(())) => {
                 if member.failed {
@@ -289,7 +321,7 @@ impl Member {
     /// How long its next part may take.
     fn patience(&self) -> Duration {
         let usual = |seconds: f64| PATIENCE.max(Duration::from_secs_f64(seconds * PATIENCE_FACTOR));
-        self.usual.map_or(FIRST_PART, usual)
+        self.usual.map_or(BUILDING.end, usual)
     }
 
     /// The longest of the last parts counts, and is forgotten slowly.

@@ -189,6 +189,16 @@ impl SceneData {
         .collect()
     }
 
+    /// Bytes of what rays walk: nodes, vertices in leaf order, and what hits need to know of a triangle.
+    pub fn tree_bytes(&self, traversals: Traversals) -> usize {
+        let tree = ["nodes", "compact nodes", "leaves", "triangles"];
+        self.bytes(traversals)
+            .iter()
+            .filter(|buffer| tree.contains(&buffer.name))
+            .map(|buffer| buffer.bytes)
+            .sum()
+    }
+
     /// Tells whether a device has room, before anything is uploaded: drivers often say so only later.
     ///
     /// # Errors

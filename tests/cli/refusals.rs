@@ -88,6 +88,18 @@ fn wrong_usage_exits_with_2_and_shows_the_way() {
     assert_eq!(names(folder.path()), ["scene.glb"]);
 }
 
+/// What chooses in a file means nothing for the demo scene.
+#[test]
+fn the_demo_scene_has_nothing_to_choose() {
+    let folder = folder();
+    for flag in ["--camera 1", "--scene a", "--variant 0", "--scale 2"] {
+        let run = foveate(folder.path(), &format!("demo --out it {flag}"));
+        let name = flag.split(' ').next().unwrap();
+        assert!(run.sentence().contains(&format!("{name}: it chooses in a file")), "{flag}: {run:?}");
+    }
+    assert_eq!(names(folder.path()), ["scene.glb"]);
+}
+
 #[test]
 fn help_tells_of_every_command_and_the_version() {
     let here = Path::new(".");
@@ -216,7 +228,7 @@ fn files_of_another_kind_are_not_overwritten() {
         ("it.exr", format!("render scene.glb --out it.exr {small}")),
         ("it.glb", "scene generate demo --out it.glb".to_string()),
         ("it.rec", "tracker --record it.rec --seconds 1".to_string()),
-        ("rays.bin", format!("bench scene.glb --export rays.bin --width 32 --height 20")),
+        ("rays.bin", "bench scene.glb --export rays.bin --width 32 --height 20".to_string()),
         ("used/contact_sheet.png", format!("mock scene.glb --out used --frames 1 {small}")),
         ("used/preview.gif", format!("demo scene.glb --out used {small}")),
     ] {
@@ -264,6 +276,8 @@ fn commands_refuse_flags_that_would_mean_nothing() {
         "scene info scene.glb --preset fast",
         "devices --target-ms 5",
         "devices --preset fast",
+        "devices --scene 1",
+        "devices --camera 0",
         "tracker --devices 0",
         "tracker --target-ms 5",
         "bench scene.glb --rays 3",

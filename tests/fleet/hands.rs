@@ -1,6 +1,6 @@
 //! Devices that misbehave.
 
-use std::time::Duration;
+use std::sync::{Arc, Condvar, Mutex};
 
 use foveate::error::{Error, Result};
 use foveate::foveation::Part;
@@ -11,7 +11,7 @@ use foveate::trace::{DeviceWorker, Job, PartResult, Worker};
 pub enum Fault {
     /// The driver refuses.
     Error,
-    /// The driver answers far too late.
+    /// The driver does not answer until it is released.
     Hang,
 }
 
@@ -20,6 +20,25 @@ pub struct Failing {
     pub worker: DeviceWorker,
     pub fault: Option<Fault>,
     pub after: u32,
+    pub release: Arc<Release>,
+}
+
+/// Lets drivers that hang go on, all of them and from then on.
+#[derive(Default)]
+pub struct Release {
+    over: Mutex<bool>,
+    told: Condvar,
+}
+
+impl Release {
+    pub fn now(&self) {
+        *self.over.lock().unwrap() = true;
+        self.told.notify_all();
+    }
+
+    fn wait(&self) {
+        drop(self.told.wait_while(self.over.lock().unwrap(), |over| !*over).unwrap());
+    }
 }
 
 impl Worker for Failing {
@@ -30,7 +49,7 @@ impl Worker for Failing {
         }
         match self.fault.take() {
             Some(Fault::Hang) => {
-                std::thread::sleep(Duration::from_secs(5));
+                self.release.wait();
                 self.worker.trace(job, part)
             }
             _ => Err(Error::Device { device: "the second".into(), problem: "it is out of paper".into() }),

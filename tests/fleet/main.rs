@@ -7,8 +7,10 @@ mod moving;
 mod slow;
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use foveate::config::{Config, Method, Samples};
+use foveate::error::Error;
 use foveate::frame::{FrameReport, Loaded, Output, Plan, Renderer, Scheduler};
 use foveate::gpu::interop::{self, Sharing};
 use foveate::gpu::opencl::{Device, DeviceInfo, device};
@@ -19,7 +21,7 @@ use foveate::scene::generate::voxel_town;
 use foveate::trace::{DeviceWorker, Fleet, Opener, SceneData, Traversal, Traversals, Worker};
 use glam::{DVec2, DVec3};
 
-use hands::{Failing, Fault};
+use hands::{Failing, Fault, Release};
 use slow::Slow;
 
 const WIDTH: u32 = 200;
@@ -191,8 +193,11 @@ fn a_failing_device_leaves_no_hole_and_comes_back() {
     let truth = alone(&Device::open(&info).unwrap(), &context, &loaded, &config, 4);
     for (fault, note) in [(Fault::Error, "out of paper"), (Fault::Hang, "does not answer")] {
         let sound = opener(&parts[0], &scene, |worker, _| Box::new(worker));
+        let release = Arc::new(Release::default());
+        let released = release.clone();
         let failing = opener(&parts[1], &scene, move |worker, times| {
-            Box::new(Failing { worker, fault: (times == 0).then_some(fault), after: 2 })
+            let (fault, release) = ((times == 0).then_some(fault), released.clone());
+            Box::new(Failing { worker, fault, after: 2, release })
         });
         let mut renderer = with_scheduler(vec![sound, failing], &context, &loaded, &config);
         let found = pictures(&mut renderer, &plan(&loaded), 4);
@@ -202,12 +207,62 @@ fn a_failing_device_leaves_no_hole_and_comes_back() {
         let mut notes = renderer.take_notes();
         assert!(notes.iter().any(|n| n.contains(note)), "{notes:?}");
         // It is tried again until it takes part: frames go on meanwhile.
+        release.now();
         let plan = plan(&loaded);
         let back = (0..2000).any(|_| renderer.frame(&plan, &[], 1).unwrap().devices[1].samples > 0);
         assert!(back, "{fault:?}: it never came back");
         notes.extend(renderer.take_notes());
         assert!(notes.iter().any(|n| n.contains("again")), "{notes:?}");
     }
+}
+
+/// The only device hangs: a frame that may wait does so until it answers; one that may not fails soon, leaves the
+/// picture as it was, and the next ones find the device once it is back.
+#[test]
+fn the_only_device_is_waited_for_or_its_picture_held() {
+    let Some((info, context)) = machine() else { return };
+    let loaded = town();
+    let scene = data(&loaded);
+    let config = config(Method::Guided);
+    let device = Device::open(&info).unwrap();
+    let truth = alone(&device, &context, &loaded, &config, 4);
+    let hanging = |release: &Arc<Release>| {
+        let release = release.clone();
+        let failing = opener(&device, &scene, move |worker, times| {
+            let fault = (times == 0).then_some(Fault::Hang);
+            Box::new(Failing { worker, fault, after: 2, release: release.clone() })
+        });
+        with_scheduler(vec![failing], &context, &loaded, &config)
+    };
+    let release = Arc::new(Release::default());
+    let mut renderer = hanging(&release);
+    let after = release.clone();
+    let back = std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_secs(5));
+        after.now();
+    });
+    let found = pictures(&mut renderer, &plan(&loaded), 4);
+    assert!(found.iter().zip(&truth).all(|((picture, _), truth)| picture == truth));
+    back.join().unwrap();
+
+    let release = Arc::new(Release::default());
+    let (mut renderer, plan) = (hanging(&release), plan(&loaded));
+    renderer.set_comeback(Duration::from_millis(100));
+    pictures(&mut renderer, &plan, 2);
+    let held = renderer.picture().unwrap();
+    let gaze = [DVec2::new(0.2, 0.6)];
+    for _ in 0..3 {
+        let error = renderer.frame(&plan, &gaze, 2).unwrap_err();
+        assert!(matches!(error, Error::NoDevice { kind: "OpenCL", .. }), "{error}");
+        assert!(error.to_string().contains("none is left to trace with"), "{error}");
+        assert!(renderer.picture().unwrap() == held);
+    }
+    release.now();
+    let back = (0..600).find_map(|_| renderer.frame(&plan, &gaze, 3).ok());
+    assert_eq!(back.expect("it comes back").samples, 4000);
+    assert!(renderer.picture().unwrap() != held);
+    let notes = renderer.take_notes();
+    assert!(notes.iter().any(|note| note.contains("answers again")), "{notes:?}");
 }
 
 /// A scene that does not fit a device leaves it out with a sentence; where it fits none, that is the error.

@@ -14,6 +14,63 @@ use crate::scene::viewpoint::default_viewpoint;
 /// A flag that was given, its key in the settings and its value.
 pub(super) type Flag = (&'static str, &'static str, toml::Value);
 
+/// What of a file is shown.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct SceneFlags {
+    /// The camera to look through, by name or by number from 0; `foveate scene info` lists them.
+    #[arg(long, value_name = "NAME|N", help_heading = "Scene")]
+    camera: Option<String>,
+    /// The scene of the file to show, by name or by number from 0.
+    #[arg(long = "scene", value_name = "NAME|N", help_heading = "Scene")]
+    scene_name: Option<String>,
+    /// The variant of the file's materials, by name or by number from 0.
+    #[arg(long, value_name = "NAME|N", help_heading = "Scene")]
+    variant: Option<String>,
+    /// The animations that play: auto (each that moves nothing which an earlier one moves), all, none, or one by name or
+    /// by number from 0.
+    #[arg(long, value_name = "NAME|N|all|none", help_heading = "Scene")]
+    animation: Option<String>,
+    /// Seconds for which animations have played; 0 by default.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, help_heading = "Scene")]
+    time: Option<f64>,
+    /// Metres that a unit of the file is, such as 0.01 for one in centimetres.
+    #[arg(long, value_name = "METRES", help_heading = "Scene")]
+    scale: Option<f64>,
+}
+
+impl SceneFlags {
+    pub(super) fn given(&self) -> Vec<Flag> {
+        let text = |value: &Option<String>| value.clone().map(toml::Value::String);
+        present([
+            ("--camera", "scene.camera", text(&self.camera)),
+            ("--scene", "scene.name", text(&self.scene_name)),
+            ("--variant", "scene.variant", text(&self.variant)),
+            ("--animation", "scene.animation", text(&self.animation)),
+            ("--time", "scene.time", float(self.time)),
+            ("--scale", "scene.scale", float(self.scale)),
+        ])
+    }
+
+    /// Adds them to settings from files.
+    ///
+    /// # Errors
+    /// That names the flag.
+    pub fn lay(&self, layers: &mut Layers) -> Result<()> {
+        lay(layers, &self.given(), true)
+    }
+
+    /// Refuses those that choose in a file, where there is none.
+    ///
+    /// # Errors
+    /// That names the first flag.
+    pub fn refuse(&self, why: &str) -> Result<()> {
+        const ANIMATION: [&str; 2] = ["--animation", "--time"];
+        let given = self.given();
+        let first = given.iter().find(|(flag, ..)| !ANIMATION.contains(flag));
+        first.map_or(Ok(()), |(flag, ..)| Err(Error::setting(*flag, why)))
+    }
+}
+
 /// What is seen from where.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ViewFlags {

@@ -7,13 +7,13 @@ use serde::Serialize;
 
 use crate::bvh::wide::Cost;
 use crate::cli::machine::Machine;
-use crate::cli::options::ConfigOptions;
+use crate::cli::options::{ConfigOptions, SceneFlags};
 use crate::cli::output;
 use crate::config::Layers;
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::scene::info::{SceneInfo, summarise};
-use crate::trace::{BufferBytes, SceneBuffers, SceneData};
+use crate::trace::{BufferBytes, SceneData};
 
 /// Arguments of `foveate scene info`.
 #[derive(Debug, clap::Args)]
@@ -22,6 +22,8 @@ pub struct Args {
     scene: PathBuf,
     #[command(flatten)]
     pub(super) options: ConfigOptions,
+    #[command(flatten)]
+    flags: SceneFlags,
 }
 
 #[derive(Serialize)]
@@ -46,12 +48,13 @@ struct BvhInfo {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let config = args.options.layers(Layers::default())?.finish()?;
+    let mut layers = args.options.layers(Layers::default())?;
+    args.flags.lay(&mut layers)?;
+    let config = layers.finish()?;
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
     let traversals = config.trace.traversal.on(&machine.device).traversals;
     let data = SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?;
-    let buffers = SceneBuffers::upload(&machine.device, &data, traversals)?;
     let device_buffers = data.bytes(traversals);
     let info = Info {
         scene: args.scene.display().to_string(),
@@ -59,7 +62,8 @@ pub fn run(args: &Args) -> Result<()> {
         bvh: BvhInfo {
             nodes: loaded.bvh.nodes.len(),
             depth: loaded.bvh.depth(),
-            bytes_per_triangle: buffers.tree_bytes() as f64 / loaded.scene.mesh.triangles.len().max(1) as f64,
+            bytes_per_triangle: data.tree_bytes(traversals) as f64
+                / loaded.scene.mesh.triangles.len().max(1) as f64,
             cost: loaded.bvh.cost(),
         },
         device: machine.device.info().name.clone(),

@@ -12,6 +12,7 @@ use super::image::{Target, color_range};
 use super::memory::BufferRef;
 use super::pipeline::{ComputePipeline, PassPipeline, Pipeline};
 use crate::error::Result;
+use crate::waiting::Limits;
 
 /// Stages that one submission can time.
 const TIMESTAMPS: u32 = 16;
@@ -64,6 +65,8 @@ pub struct Commands {
     /// Names of the stages timed: stage i lies between queries i and i + 1.
     stages: Vec<&'static str>,
     submitted: Option<Instant>,
+    /// The submission was waited for in vain, and the device may still work on it.
+    stuck: bool,
     /// What the submission uses.
     held: Vec<Arc<dyn Any + Send + Sync>>,
 }
@@ -84,6 +87,7 @@ impl Commands {
             fence: vk::Fence::null(),
             stages: Vec::new(),
             submitted: None,
+            stuck: false,
             held: Vec::new(),
         };
         let refused = |code| context.refused("a command buffer", code);
@@ -347,6 +351,14 @@ impl Commands {
         }
     }
 
+    /// What follows waits until an event is set.
+    #[cfg(test)]
+    pub(super) fn await_event(&self, event: vk::Event) {
+        let (host, all) = (vk::PipelineStageFlags::HOST, vk::PipelineStageFlags::ALL_COMMANDS);
+        // SAFETY: the command buffer is being recorded; the event outlives the submission.
+        unsafe { self.context.0.device.cmd_wait_events(self.buffer, &[event], host, all, &[], &[], &[]) };
+    }
+
     /// Makes a target of one's own black, whatever it held before.
     pub(super) fn clear(&mut self, target: &Target) {
         let image = target.0.image;
@@ -421,14 +433,21 @@ impl Commands {
     /// first stage is given the time since the submission. Empty if nothing was submitted.
     ///
     /// # Errors
-    /// [`crate::Error::Device`] if the device is lost.
+    /// [`crate::Error::Device`] if the device is lost, or does not answer for a minute.
     pub fn wait(&mut self) -> Result<Vec<StageTime>> {
+        self.wait_within(Limits::MOMENTS)
+    }
+
+    pub(super) fn wait_within(&mut self, limits: Limits) -> Result<Vec<StageTime>> {
         let Some(since) = self.submitted else { return Ok(Vec::new()) };
-        let device = &self.context.0.device;
         // SAFETY: the fence was submitted.
-        unsafe { device.wait_for_fences(&[self.fence], true, u64::MAX) }
-            .map_err(|code| self.context.refused("waiting for the device", code))?;
-        self.submitted = None;
+        if let Err(error) = unsafe { self.context.await_fence(self.fence, limits) } {
+            // SAFETY: the fence belongs to the device. A lost device is done, too.
+            self.stuck = unsafe { self.context.0.device.get_fence_status(self.fence) } == Ok(false);
+            return Err(error);
+        }
+        (self.submitted, self.stuck) = (None, false);
+        let device = &self.context.0.device;
         self.held.clear();
         if !self.context.0.timestamps {
             let ms = since.elapsed().as_secs_f64() * 1e3;
@@ -447,12 +466,17 @@ impl Commands {
 
 impl Drop for Commands {
     fn drop(&mut self) {
+        if !self.stuck {
+            let _ = self.wait();
+        }
+        if self.stuck {
+            // The device may work on it for ever: nothing that it uses is destroyed, and so neither is the device.
+            std::mem::forget((std::mem::take(&mut self.held), self.context.clone()));
+            return;
+        }
         let device = &self.context.0.device;
-        // SAFETY: the submission is waited for (a lost device is done too); null handles are ignored.
+        // SAFETY: the submission is done; null handles are ignored.
         unsafe {
-            if self.submitted.is_some() {
-                let _ = device.wait_for_fences(&[self.fence], true, u64::MAX);
-            }
             device.destroy_query_pool(self.queries, None);
             device.destroy_fence(self.fence, None);
             device.destroy_descriptor_pool(self.descriptors, None);

@@ -7,6 +7,7 @@
 
 mod commands;
 mod context;
+mod fence;
 mod image;
 mod memory;
 mod pipeline;

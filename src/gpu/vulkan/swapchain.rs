@@ -14,6 +14,7 @@ use super::commands::Commands;
 use super::context::Context;
 use super::image::Target;
 use crate::error::{Error, Result};
+use crate::waiting::Limits;
 
 /// Formats whose pixels reach the screen as they are written, the usual first.
 const FORMATS: [vk::Format; 2] = [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM];
@@ -72,7 +73,7 @@ impl Drop for Surface {
 
 /// A window's images.
 pub struct Swapchain {
-    surface: Surface,
+    surface: Arc<Surface>,
     functions: ash::khr::swapchain::Device,
     handle: vk::SwapchainKHR,
     images: Vec<Target>,
@@ -88,7 +89,7 @@ impl Swapchain {
     /// # Errors
     /// [`Error::Device`] where the device cannot show pictures in this window.
     pub fn new(context: &Context, window: Arc<dyn Window>, width: u32, height: u32) -> Result<Self> {
-        let surface = Surface::new(context, window)?;
+        let surface = Arc::new(Surface::new(context, window)?);
         let format = surface.format()?;
         let device = &context.0.device;
         let functions = ash::khr::swapchain::Device::new(&context.0.instance, device);
@@ -175,12 +176,10 @@ impl Swapchain {
         // before they go.
         unsafe {
             let new = self.functions.create_swapchain(&info, None).map_err(refused)?;
-            let queue = context.queue();
-            let idle = context.0.device.queue_wait_idle(*queue);
-            drop(queue);
-            self.functions.destroy_swapchain(self.handle, None);
-            self.handle = new;
-            idle.map_err(refused)?;
+            let old = std::mem::replace(&mut self.handle, new);
+            // What a device that does not answer still reads stays.
+            context.await_queue()?;
+            self.functions.destroy_swapchain(old, None);
         }
         // SAFETY: the swapchain is valid.
         let images = unsafe { self.functions.get_swapchain_images(self.handle) }.map_err(refused)?;
@@ -249,7 +248,7 @@ impl Swapchain {
                 Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => return Ok(Err(Shown::NotNow)),
                 Err(code) => return Err(refused(code)),
             };
-            device.wait_for_fences(&[self.acquired], true, u64::MAX).map_err(refused)?;
+            context.await_fence(self.acquired, Limits::MOMENTS)?;
             device.reset_fences(&[self.acquired]).map_err(refused)?;
             Ok(Ok((index, !suboptimal)))
         }
@@ -258,14 +257,17 @@ impl Swapchain {
 
 impl Drop for Swapchain {
     fn drop(&mut self) {
-        // What is being drawn holds targets; a lost device is done as well.
-        let _ = self.commands.wait();
-        self.images.clear();
+        // What is being drawn holds targets.
+        let drawn = self.commands.wait().is_ok();
         let context = &self.surface.context;
-        let queue = context.queue();
+        if !drawn || context.await_queue().is_err() {
+            // The device may still read the images.
+            std::mem::forget((std::mem::take(&mut self.images), self.surface.clone()));
+            return;
+        }
+        self.images.clear();
         // SAFETY: the queue is idle, and targets of the images are gone; null handles are ignored.
         unsafe {
-            let _ = context.0.device.queue_wait_idle(*queue);
             self.functions.destroy_swapchain(self.handle, None);
             context.0.device.destroy_fence(self.acquired, None);
         }

@@ -157,6 +157,42 @@ impl Draw for Notebook {
     }
 }
 
+/// A notebook that has no device for some pictures.
+struct Absent<'n> {
+    notebook: &'n mut Notebook,
+    missed: usize,
+}
+
+impl Draw for Absent<'_> {
+    fn draw(
+        &mut self,
+        picture: &Picture,
+        late: &mut dyn FnMut(usize) -> Option<Pose>,
+    ) -> Result<FrameReport> {
+        if self.missed == 0 {
+            return self.notebook.draw(picture, late);
+        }
+        self.missed -= 1;
+        Err(Error::NoDevice { kind: "OpenCL", problem: "none is left".into() })
+    }
+
+    fn apply(&mut self, config: &Config) -> Result<()> {
+        self.notebook.apply(config)
+    }
+
+    fn show_at(&mut self, seconds: f64) {
+        self.notebook.show_at(seconds);
+    }
+
+    fn toggle_exposure(&mut self) {
+        self.notebook.toggle_exposure();
+    }
+
+    fn take_notes(&mut self) -> Vec<String> {
+        self.notebook.take_notes()
+    }
+}
+
 /// Hears everything.
 #[derive(Default)]
 struct Listener {
@@ -381,4 +417,29 @@ fn a_field_of_view_is_scaled_as_a_whole() {
     let scaled = scaled(fov, 60f64.to_radians());
     assert!((scaled.up - scaled.down - 2.0 * 30f64.to_radians().tan()).abs() < 1e-12);
     assert!((scaled.left / scaled.right + 1.5).abs() < 1e-12);
+}
+
+/// Frames without a device show nothing new where the headset holds its picture, are told once, and go on afterwards;
+/// elsewhere they are failures.
+#[test]
+fn pictures_are_held_while_no_device_is_left() {
+    let scene = Scene::from_glb(std::path::Path::new("demo"), &demo::generate()).unwrap();
+    let config = per_eye();
+    let mut run = frames(&config, PERIOD / 4, 0, |_| ());
+    let mut frame_loop = FrameLoop::new(&config, &scene, Rig::in_place(), None, None);
+    frame_loop.hold_pictures();
+    let mut absent = Absent { notebook: &mut run.notebook, missed: 3 };
+    let mut step = |absent: &mut Absent, frame_loop: &mut FrameLoop| {
+        let mut link = Link { headset: &mut run.wearer, draw: absent, observer: &mut run.listener };
+        frame_loop.step(&mut link, &Keys::default())
+    };
+    (0..5).for_each(|_| assert!(step(&mut absent, &mut frame_loop).unwrap()));
+    absent.missed = 1;
+    let mut another = FrameLoop::new(&config, &scene, Rig::in_place(), None, None);
+    let fault = step(&mut absent, &mut another).unwrap_err();
+    assert!(fault.sentence().contains("none is left"));
+    let shown: Vec<bool> = run.wearer.ended.iter().map(|(_, shown)| shown.is_some()).collect();
+    assert_eq!(shown, [false, false, false, true, true]);
+    assert_eq!((run.listener.shown.len(), run.listener.notes.len()), (2, 2), "{:?}", run.listener.notes);
+    assert!(run.listener.notes[0].contains("is held") && run.listener.notes[1].contains("again"));
 }
