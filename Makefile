@@ -85,15 +85,30 @@ trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few m
 	cargo build --release
 	scripts/measure-trade.sh $(ARGS)
 
+.PHONY: test-faults
+test-faults: ## Kill it at each rename, fill disks, take memory away, lose devices and runtimes; ARGS=renames chooses among the first
+	@$(need_cargo)
+	scripts/install-packages.sh test
+	cargo build
+	scripts/test-faults.sh $(ARGS)
+	cargo test --test fleet
+	cargo test --test openxr_scripted -- losses hangs faults
+
+.PHONY: fuzz
+fuzz: ## Feed everything that reads files with what coverage finds: SECONDS=60 for each target, ARGS="gltf tree" chooses (nightly, cargo-fuzz)
+	@$(need_cargo)
+	SECONDS_EACH=$(or $(SECONDS),60) scripts/fuzz.sh $(ARGS)
+
 .PHONY: windows-check
 windows-check: ## Check that the program compiles for Windows (needs that target's std)
 	@$(need_cargo)
 	scripts/windows-check.sh
 
-lint: ## Check format and lints (needs the rustfmt and clippy components)
+lint: ## Check format, lints and crates (needs the rustfmt and clippy components, and cargo-deny)
 	@$(need_cargo)
 	cargo fmt --all --check
 	cargo clippy --all-targets -- -D warnings
+	scripts/check-crates.sh
 
 install-udev: ## Let this seat's user open the tracker of a Rift DK1
 	@as_root=; \
