@@ -102,7 +102,12 @@ fuzz: ## Feed everything that reads files with what coverage finds: SECONDS=60 f
 .PHONY: windows-check
 windows-check: ## Check that the program compiles for Windows (needs that target's std)
 	@$(need_cargo)
-	scripts/windows-check.sh
+	scripts/windows.sh check
+
+.PHONY: windows
+windows: ## Build foveate.exe (needs that target's std and MinGW's linker)
+	@$(need_cargo)
+	scripts/windows.sh build
 
 lint: ## Check format, lints and crates (needs the rustfmt and clippy components, and cargo-deny)
 	@$(need_cargo)
