@@ -10,7 +10,6 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::binary::{self, Bounds, Node, Primitive};
-use super::improve::bounds_of;
 use super::refit::extent;
 use super::wide::{EMPTY, LEAF, LeafSlot, WideBvh, WideNode, leaf_range};
 
@@ -29,6 +28,8 @@ pub struct PartTree {
     pub order: Vec<LeafSlot>,
     /// Where the first of them is in the whole leaf order.
     pub first_place: usize,
+    /// What a ray visited when the tree was built, as [`PartTree::cost`] tells.
+    built: f64,
 }
 
 /// All parts, and the top over them.
@@ -40,9 +41,12 @@ pub struct Parted {
     pub parts: Vec<PartTree>,
     /// Nodes that the top has room for.
     pub top: usize,
-    /// Levels of the deepest part.
+    /// Levels that a part may have.
     depth: u32,
 }
+
+/// Levels that a later tree of a part may have more than the deepest of the first ones.
+const SPARE_LEVELS: u32 = 2;
 
 impl Parted {
     /// Builds the trees of parts that are the mesh's last triangles, each a range of them, over the tree `still` of
@@ -56,7 +60,7 @@ impl Parted {
         let whole = |range: &Range<usize>| WideBvh::build_whole(positions, &triangles[range.clone()]);
         let trees: Vec<WideBvh> = parts.par_iter().map(whole).collect();
         let has_still = !still.order.is_empty();
-        let depth = trees.iter().chain([&still]).map(WideBvh::depth).max().unwrap_or(1);
+        let depth = trees.iter().chain([&still]).map(WideBvh::depth).max().unwrap_or(1) + SPARE_LEVELS;
         let top = 2 * (parts.len() + usize::from(has_still)).max(1);
         let mut whole = WideBvh { nodes: vec![WideNode::VACANT; top], order: Vec::new() };
         let mut still = PartTree::new(still, top, 0, 0);
@@ -64,13 +68,28 @@ impl Parted {
         whole.order.append(&mut still.order);
         let mut parted = Parted { still: has_still.then_some(still.root), parts: Vec::new(), top, depth };
         for (tree, range) in trees.into_iter().zip(parts) {
-            let part = PartTree::new(tree, whole.nodes.len(), whole.order.len(), range.start);
+            let mut part = PartTree::new(tree, whole.nodes.len(), whole.order.len(), range.start);
+            // Room for later trees, which may have a few nodes more.
+            part.nodes.resize(part.nodes.len() + part.nodes.len() / 4, WideNode::VACANT);
             whole.nodes.extend_from_slice(&part.nodes);
             whole.order.extend_from_slice(&part.order);
             parted.parts.push(part);
         }
         whole.nodes[..top].copy_from_slice(&parted.top_nodes());
         (whole, parted)
+    }
+
+    /// Gives a part another tree over its triangles, the first of which is `first_triangle`. Not where that has more
+    /// nodes than there is room for, or is too deep: false then. Its boxes are to be refitted.
+    pub fn replace(&mut self, part: usize, tree: WideBvh, first_triangle: usize) -> bool {
+        let old = &mut self.parts[part];
+        let room = old.nodes.len();
+        if tree.nodes.len() > room + 1 || tree.order.len() != old.order.len() || tree.depth() > self.depth {
+            return false;
+        }
+        *old = PartTree::new(tree, old.first_node, old.first_place, first_triangle);
+        old.nodes.resize(room, WideNode::VACANT);
+        true
     }
 
     /// Levels of the whole tree at most, whatever its parts do.
@@ -106,9 +125,22 @@ impl Parted {
         nodes
     }
 
-    /// Fits all parts' boxes to where their triangles are now; `corners` tells, of each of them.
-    pub fn refit(&mut self, corners: impl Fn(u32) -> [Vec3; 3] + Sync) {
-        self.parts.par_iter_mut().for_each(|part| part.refit(&corners));
+    /// Fits all parts' boxes to where their triangles are now; `corners` tells, of each of them. Returns the vertex
+    /// coordinates of all parts in leaf order, as [`WideBvh::leaf_vertices`] has them, without padding.
+    pub fn refit(&mut self, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Vec<f32> {
+        let mut all = vec![0.0; self.parts.iter().map(|part| part.order.len() * 9).sum()];
+        let mut left = &mut all[..];
+        let mut work = Vec::with_capacity(self.parts.len());
+        for part in &mut self.parts {
+            let (own, rest) = std::mem::take(&mut left).split_at_mut(part.order.len() * 9);
+            work.push((part, own));
+            left = rest;
+        }
+        work.into_par_iter().for_each(|(part, vertices)| {
+            part.lay_out(&corners, vertices);
+            part.refit(vertices);
+        });
+        all
     }
 }
 
@@ -128,17 +160,40 @@ impl PartTree {
         let mut nodes = tree.nodes.into_iter().map(place);
         let root = nodes.next().unwrap_or(WideNode::VACANT);
         let moved = |slot: LeafSlot| LeafSlot { triangle: slot.triangle + first_triangle as u32, ..slot };
-        PartTree {
+        let mut part = PartTree {
             root,
             nodes: nodes.collect(),
             first_node,
             order: tree.order.into_iter().map(moved).collect(),
             first_place,
-        }
+            built: 0.0,
+        };
+        part.built = part.cost();
+        part
     }
 
-    fn refit(&mut self, corners: &(impl Fn(u32) -> [Vec3; 3] + Sync)) {
-        let (order, first_place, first_node) = (&self.order, self.first_place, self.first_node);
+    /// Nodes and leaves that a ray visits which meets its box, as [`WideBvh::cost`] has them together.
+    pub fn cost(&self) -> f64 {
+        let area = |node: &WideNode| -> f64 {
+            let slots = (0..8).filter(|&slot| node.children[slot] != EMPTY);
+            let corner = |rows: &[[f32; 8]; 3], slot: usize| Vec3::from_array(rows.map(|row| row[slot]));
+            let box_of = |slot| Bounds { lower: corner(&node.lower, slot), upper: corner(&node.upper, slot) };
+            slots.map(|slot| box_of(slot).half_area()).sum()
+        };
+        let (lower, upper) = extent(&self.root);
+        let whole = Bounds { lower, upper }.half_area();
+        let sum = self.nodes.iter().chain([&self.root]).map(area).sum::<f64>();
+        if whole > 0.0 { 1.0 + sum / whole } else { 1.0 }
+    }
+
+    /// How many times as much a ray visits as when the tree was built.
+    pub fn growth(&self) -> f64 {
+        self.cost() / self.built
+    }
+
+    /// Boxes from the vertices of the leaves.
+    fn refit(&mut self, vertices: &[f32]) {
+        let (first_place, first_node) = (self.first_place, self.first_node);
         let fit = |node: &mut WideNode| {
             let children = node.children;
             for (slot, child) in children.into_iter().enumerate() {
@@ -146,10 +201,8 @@ impl PartTree {
                     continue;
                 }
                 let (first, count) = leaf_range(child);
-                let triangles = &order[first - first_place..first - first_place + count];
-                let boxes = triangles.iter().map(|slot| bounds_of(&corners(slot.triangle)));
-                let bounds = boxes.fold(Bounds::EMPTY, Bounds::union);
-                node.set(slot, (bounds.lower, bounds.upper), child);
+                let leaf = &vertices[(first - first_place) * 9..(first - first_place + count) * 9];
+                node.set(slot, bounds_of_leaf(leaf, count), child);
             }
         };
         self.nodes.par_iter_mut().with_min_len(FEW).for_each(fit);
@@ -173,20 +226,40 @@ impl PartTree {
         }
     }
 
-    /// Vertex coordinates of its triangles in leaf order, as [`WideBvh::leaf_vertices`] has them, without padding.
-    pub fn leaf_vertices(&self, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Vec<f32> {
-        let mut vertices = vec![0.0; self.order.len() * 9];
-        for (place, slot) in self.order.iter().enumerate() {
-            let first = (place - slot.lane as usize) * 9;
-            for (corner, p) in corners(slot.triangle).into_iter().enumerate() {
-                for axis in 0..3 {
-                    let row = (corner * 3 + axis) * slot.leaf_len as usize;
-                    vertices[first + row + slot.lane as usize] = p[axis];
+    /// Writes the vertex coordinates of its triangles in leaf order, many leaves at a time.
+    fn lay_out(&self, corners: &(impl Fn(u32) -> [Vec3; 3] + Sync), vertices: &mut [f32]) {
+        const MANY: usize = 4096;
+        let (mut order, mut left) = (&self.order[..], vertices);
+        let mut work = Vec::with_capacity(order.len() / MANY + 1);
+        while !order.is_empty() {
+            // To the end of a leaf.
+            let end = (MANY..order.len()).find(|&place| order[place].lane == 0).unwrap_or(order.len());
+            let (own, rest) = std::mem::take(&mut left).split_at_mut(end * 9);
+            work.push((&order[..end], own));
+            (order, left) = (&order[end..], rest);
+        }
+        work.into_par_iter().for_each(|(order, vertices)| {
+            for (place, slot) in order.iter().enumerate() {
+                let (first, lane) = ((place - slot.lane as usize) * 9, slot.lane as usize);
+                for (corner, p) in corners(slot.triangle).into_iter().enumerate() {
+                    for axis in 0..3 {
+                        vertices[first + (corner * 3 + axis) * slot.leaf_len as usize + lane] = p[axis];
+                    }
                 }
             }
-        }
-        vertices
+        });
     }
+}
+
+/// The box around a leaf of so many triangles, from its vertices as they are laid out.
+fn bounds_of_leaf(vertices: &[f32], count: usize) -> (Vec3, Vec3) {
+    let (mut lower, mut upper) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for (row, values) in vertices.chunks_exact(count).enumerate() {
+        let axis = row % 3;
+        lower[axis] = values.iter().copied().fold(lower[axis], f32::min);
+        upper[axis] = values.iter().copied().fold(upper[axis], f32::max);
+    }
+    (lower, upper)
 }
 
 /// Eight children a node over a binary tree whose leaves stand for `roots`, and its levels above these.
@@ -305,15 +378,29 @@ mod tests {
                 })
                 .collect();
             let corners = |triangle: u32| triangles[triangle as usize].map(|vertex| moved[vertex as usize]);
-            parted.refit(corners);
+            let own = parted.refit(corners);
             let tree = whole_of(&whole, &parted);
             tree.validate(&moved, &triangles).unwrap_or_else(|problem| panic!("{count}: {problem}"));
             assert!(tree.depth() <= parted.depth(), "{count}: {} {}", tree.depth(), parted.depth());
             let leaves = tree.leaf_vertices(&moved, &triangles);
-            for part in &parted.parts {
-                let own = part.leaf_vertices(corners);
-                assert_eq!(own, leaves[part.first_place * 9..part.first_place * 9 + own.len()]);
+            let first = parted.parts.first().map_or(0, |part| part.first_place * 9);
+            assert_eq!(own, leaves[first..first + own.len()]);
+            // Another tree over the same triangles takes the place of a part's.
+            for part in 0..parted.parts.len().min(3) {
+                let range = parts[part].clone();
+                let anew = WideBvh::build_whole(&moved, &triangles[range.clone()]);
+                let (grown, least) = (parted.parts[part].cost(), anew.cost().sum());
+                if parted.replace(part, anew, range.start) {
+                    assert!((parted.parts[part].cost() - least).abs() < 1e-3 * least && least < grown * 1.1);
+                    assert_eq!(parted.parts[part].growth(), 1.0);
+                }
             }
+            let mut tree = whole_of(&whole, &parted);
+            for part in &parted.parts {
+                tree.order[part.first_place..part.first_place + part.order.len()]
+                    .copy_from_slice(&part.order);
+            }
+            tree.validate(&moved, &triangles).unwrap_or_else(|problem| panic!("{count}: {problem}"));
             // Compact nodes find children by their order.
             let inner = |node: &WideNode| {
                 node.children.into_iter().filter(|child| child & LEAF == 0).collect::<Vec<_>>()

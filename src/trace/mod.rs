@@ -6,6 +6,7 @@ mod fleet;
 mod light_cache;
 mod moving;
 pub mod probe;
+mod rebuild;
 mod scene_buffers;
 mod self_test;
 pub mod source;

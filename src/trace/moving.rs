@@ -6,9 +6,11 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::emitters::MovingEmitters;
-use super::scene_buffers::pack_lights;
+use super::rebuild::Rebuild;
+use super::scene_buffers::{pack_lights, pack_material_of, pack_triangle};
 use crate::bvh::compact::compact_nodes;
 use crate::bvh::parted::solid;
+use crate::bvh::wide::LeafSlot;
 use crate::bvh::{Parted, WideBvh};
 use crate::layout::{self, pack_normal};
 use crate::scene::animation::{Instant, Motion};
@@ -38,6 +40,13 @@ pub struct MovingScene {
     /// How wide triangles are at least that motion has flattened, in metres.
     width: f32,
     serial: u64,
+    rebuild: Rebuild,
+    /// Some part has another tree than at first.
+    rebuilt: bool,
+    /// What kernels know of each moving triangle's material.
+    packed: Vec<u32>,
+    /// Parts that shine: kernels find emitters by their places, so that their trees stay.
+    shining: Vec<bool>,
 }
 
 /// Everything that differs at an instant from how the scene was packed. Each holds all of it, so that a device which
@@ -53,6 +62,8 @@ pub struct SceneState {
     compact: OnceLock<[Vec<layout::CompactNode>; 2]>,
     /// Vertices in leaf order from a place on.
     pub(super) leaves: (usize, Vec<f32>),
+    /// Triangles in leaf order from a place on, where some part has another tree than at first.
+    pub(super) triangles: (usize, Vec<layout::Triangle>),
     /// Normals and tangents from a vertex on.
     pub(super) normals: (usize, Vec<u32>),
     pub(super) tangents: (usize, Vec<[f32; 4]>),
@@ -97,6 +108,12 @@ impl MovingScene {
             lit: Lit::of(scene, first_triangle),
             width: size * 1e-6,
             serial: 0,
+            rebuild: Rebuild::default(),
+            rebuilt: false,
+            packed: (first_triangle..mesh.triangles.len())
+                .map(|index| pack_material_of(scene, index))
+                .collect(),
+            shining: motion.parts.iter().map(|part| shines(scene, part.triangles.start)).collect(),
             motion: motion.clone(),
         })
     }
@@ -104,6 +121,11 @@ impl MovingScene {
     /// The time for which the scene was loaded, in seconds since its animations began.
     pub fn start(&self) -> f64 {
         self.motion.start
+    }
+
+    /// Whether some part has had a new tree, since motion had made its first one slow.
+    pub fn is_rebuilt(&self) -> bool {
+        self.rebuilt
     }
 
     /// Everything at a time, in seconds since the animations began.
@@ -115,23 +137,36 @@ impl MovingScene {
             let own = triangles[(triangle - first_triangle) as usize];
             solid(own.map(|vertex| positions[vertex as usize]), width)
         };
-        self.parted.refit(corners);
+        let mut leaves = self.parted.refit(corners);
+        self.serial += 1;
+        let vertices = |part: usize| {
+            let range = &self.motion.parts[part].vertices;
+            positions[range.start - self.first_vertex..range.end - self.first_vertex].to_vec()
+        };
+        let ranges = |part: usize| self.motion.parts[part].triangles.clone();
+        let may = |part: usize| !self.shining[part];
+        if self.rebuild.look_after(self.serial, &mut self.parted, &self.own, vertices, ranges, may) {
+            self.rebuilt = true;
+            leaves = self.parted.refit(corners);
+        }
         let parts = &self.parted.parts;
         let (first_node, first_place) =
             parts.first().map_or((0, 0), |part| (part.first_node, part.first_place));
-        let leaves: Vec<Vec<f32>> = parts.par_iter().map(|part| part.leaf_vertices(corners)).collect();
         let (emitters, light_nodes) = match &mut self.emitters {
             Some(emitters) => emitters.at(corners, &self.lights),
             None => Default::default(),
         };
-        self.serial += 1;
         SceneState {
             serial: self.serial,
             top: self.parted.top_nodes(),
             nodes: (first_node, parts.iter().flat_map(|part| &part.nodes).copied().collect()),
             compact: OnceLock::new(),
-            leaves: (first_place * 9, leaves.concat()),
-            normals: (self.first_vertex, self.normals.iter().map(|n| pack_normal(n.to_array())).collect()),
+            leaves: (first_place * 9, leaves),
+            triangles: (first_place, if self.rebuilt { self.triangles() } else { Vec::new() }),
+            normals: (
+                self.first_vertex,
+                self.normals.par_iter().map(|n| pack_normal(n.to_array())).collect(),
+            ),
             tangents: (self.first_vertex, self.tangents.clone()),
             lights: if self.motion.lights.is_empty() {
                 Vec::new()
@@ -142,6 +177,16 @@ impl MovingScene {
             light_nodes,
             lit: self.lit.as_ref().and_then(|lit| lit.bounds(corners)),
         }
+    }
+
+    /// All moving triangles in leaf order.
+    fn triangles(&self) -> Vec<layout::Triangle> {
+        let pack = |slot: &LeafSlot| {
+            let own = (slot.triangle as usize) - self.first_triangle;
+            let vertices = self.triangles[own].map(|vertex| vertex + self.first_vertex as u32);
+            pack_triangle(vertices, self.packed[own], slot)
+        };
+        self.parted.parts.iter().flat_map(|part| part.order.iter().map(pack)).collect()
     }
 
     /// Takes an instant's vertices and lights in.
@@ -189,6 +234,10 @@ impl Lit {
         let moving = self.moving.iter().flat_map(|&triangle| corners(triangle)).map(|p| [p, p]);
         moving.chain(self.still).reduce(both)
     }
+}
+
+fn shines(scene: &Scene, triangle: usize) -> bool {
+    emitters::shines(&scene.materials[scene.mesh.materials[triangle] as usize])
 }
 
 fn both(a: [Vec3; 2], b: [Vec3; 2]) -> [Vec3; 2] {

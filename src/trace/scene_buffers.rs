@@ -1,5 +1,7 @@
 //! A scene as devices take it, and in a device's memory.
 
+mod instant;
+
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
 
@@ -9,6 +11,7 @@ use half::f16;
 use super::{Traversal, Traversals};
 use crate::bvh::WideBvh;
 use crate::bvh::compact::compact_nodes;
+use crate::bvh::wide::LeafSlot;
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
 use crate::layout::{self, pack_normal};
@@ -17,7 +20,6 @@ use crate::scene::{
     AlphaMode, Environment, Features, Layers, LightKind, Scene, TextureRef, emitters, texture::Wrap,
 };
 
-use super::SceneState;
 use super::emitters::{PackedEmitters, lights_asked, lights_in_order};
 
 /// A scene packed for upload, once for all devices. What no feature requires does not exist.
@@ -294,39 +296,6 @@ impl SceneBuffers {
         })
     }
 
-    /// Brings it to another instant.
-    ///
-    /// # Errors
-    /// [`Error::Device`] where the device refuses.
-    pub fn move_to(&mut self, state: &SceneState) -> Result<()> {
-        let (first, nodes) = &state.nodes;
-        if let Some(wide) = &self.wide {
-            wide.write(&state.top)?;
-            wide.write_at(*first, nodes)?;
-        }
-        if let Some(compact) = &self.compact {
-            let [top, nodes] = state.compact();
-            compact.write(top)?;
-            compact.write_at(*first, nodes)?;
-        }
-        self.leaves.write_at(state.leaves.0, &state.leaves.1)?;
-        self.normals.write_at(state.normals.0, &state.normals.1)?;
-        if let Some(tangents) = &self.tangents {
-            tangents.write_at(state.tangents.0, &state.tangents.1)?;
-        }
-        if let Some(lights) = &self.lights {
-            lights.write(&state.lights)?;
-        }
-        if let (Some(emitters), Some(nodes)) = (&self.emitters, &self.light_nodes) {
-            emitters.write(&state.emitters)?;
-            nodes.write(&state.light_nodes)?;
-        }
-        if let Some([lower, upper]) = state.lit {
-            (self.shading.lit_lower, self.shading.lit_upper) = (lower.to_array(), upper.to_array());
-        }
-        Ok(())
-    }
-
     /// How many arguments a scene is.
     pub(super) const ARGUMENTS: usize = 17;
 
@@ -370,19 +339,31 @@ fn pack_color(color: &Vec4) -> [u16; 4] {
 }
 
 fn pack_triangles(scene: &Scene, bvh: &WideBvh) -> Vec<layout::Triangle> {
-    let pack = |slot: &crate::bvh::wide::LeafSlot| {
-        let material = scene.mesh.materials[slot.triangle as usize];
-        let properties = &scene.materials[material as usize];
-        let mut packed = material | u32::from(slot.lane) << 20 | (u32::from(slot.leaf_len) - 1) << 23;
-        if properties.alpha != AlphaMode::Opaque || properties.glass.is_some() {
-            packed |= layout::TRIANGLE_ALPHA;
-        }
-        if properties.double_sided {
-            packed |= layout::TRIANGLE_DOUBLE_SIDED;
-        }
-        layout::Triangle { vertices: scene.mesh.triangles[slot.triangle as usize], packed }
+    let pack = |slot: &LeafSlot| {
+        let index = slot.triangle as usize;
+        pack_triangle(scene.mesh.triangles[index], pack_material_of(scene, index), slot)
     };
     bvh.order.iter().map(pack).collect()
+}
+
+/// A triangle in its leaf; `material` is what [`pack_material_of`] says of it.
+pub(super) fn pack_triangle(vertices: [u32; 3], material: u32, slot: &LeafSlot) -> layout::Triangle {
+    let packed = material | u32::from(slot.lane) << 20 | (u32::from(slot.leaf_len) - 1) << 23;
+    layout::Triangle { vertices, packed }
+}
+
+/// A triangle's material, and what hits need to know of it at once.
+pub(super) fn pack_material_of(scene: &Scene, triangle: usize) -> u32 {
+    let material = scene.mesh.materials[triangle];
+    let properties = &scene.materials[material as usize];
+    let mut packed = material;
+    if properties.alpha != AlphaMode::Opaque || properties.glass.is_some() {
+        packed |= layout::TRIANGLE_ALPHA;
+    }
+    if properties.double_sided {
+        packed |= layout::TRIANGLE_DOUBLE_SIDED;
+    }
+    packed
 }
 
 fn pack_use(texture: Option<TextureRef>) -> layout::TextureUse {

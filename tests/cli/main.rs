@@ -6,6 +6,7 @@ mod common;
 mod bench;
 mod measure;
 mod mock;
+mod motion;
 mod refusals;
 mod render;
 mod scene;

@@ -7,19 +7,25 @@ use super::builder::{Builder, I16, U8};
 
 /// A tube along y whose vertices hang on a chain of joints, some of them morphed, moved in all ways there are.
 pub fn tube() -> Builder {
+    tube_of(33, 12)
+}
+
+/// The same of so many rings with so many sides.
+pub fn tube_of(rings: usize, sides: usize) -> Builder {
     const JOINTS: usize = 8;
-    const RINGS: usize = 33;
-    const SIDES: usize = 12;
     let mut builder = Builder::new();
     let (mut positions, mut joints, mut weights) = (Vec::new(), Vec::new(), Vec::new());
     let (mut thicker, mut bent) = (Vec::new(), Vec::new());
-    for ring in 0..RINGS {
-        for side in 0..SIDES {
-            let height = ring as f32 / (RINGS - 1) as f32 * JOINTS as f32;
-            let angle = side as f32 / SIDES as f32 * std::f32::consts::TAU;
+    let (mut normals, mut leaning) = (Vec::new(), Vec::new());
+    for ring in 0..rings {
+        for side in 0..sides {
+            let height = ring as f32 / (rings - 1) as f32 * JOINTS as f32;
+            let angle = side as f32 / sides as f32 * std::f32::consts::TAU;
             let out = [0.3 * angle.cos(), 0.0, 0.3 * angle.sin()];
             positions.push([out[0], height, out[2]]);
             thicker.push(out);
+            normals.push([angle.cos(), 0.0, angle.sin()]);
+            leaning.push([0.0, -0.2 * height * angle.cos(), 0.0]);
             bent.push([0.1 * height * height, 0.0, 0.0]);
             let lower = (height as usize).min(JOINTS - 2);
             let share = (height - lower as f32).min(1.0);
@@ -28,9 +34,9 @@ pub fn tube() -> Builder {
         }
     }
     let mut indices = Vec::new();
-    for ring in 0..RINGS - 1 {
-        for side in 0..SIDES {
-            let at = |ring: usize, side: usize| (ring * SIDES + side % SIDES) as u16;
+    for ring in 0..rings - 1 {
+        for side in 0..sides {
+            let at = |ring: usize, side: usize| (ring * sides + side % sides) as u16;
             indices.extend([at(ring, side), at(ring + 1, side), at(ring, side + 1)]);
             indices.extend([at(ring, side + 1), at(ring + 1, side), at(ring + 1, side + 1)]);
         }
@@ -41,15 +47,16 @@ pub fn tube() -> Builder {
         })
         .collect();
     let vertices = positions.len();
-    let [positions, thicker, bent] = [positions, thicker, bent].map(|list| builder.floats(&list));
+    let [positions, thicker, bent, normals, leaning] =
+        [positions, thicker, bent, normals, leaning].map(|list| builder.floats(&list));
     let joints = builder.accessor(&joints, U8, "VEC4", vertices);
     let (weights, bind) = (builder.floats(&weights), builder.floats(&bind));
     let indices = builder.shorts(&indices);
     let mesh = builder.push(
         "meshes",
         json!({ "weights": [0.2, 0.0], "primitives": [{
-            "attributes": { "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights },
-            "targets": [{ "POSITION": thicker }, { "POSITION": bent }],
+            "attributes": { "POSITION": positions, "NORMAL": normals, "JOINTS_0": joints, "WEIGHTS_0": weights },
+            "targets": [{ "POSITION": thicker }, { "POSITION": bent, "NORMAL": leaning }],
             "indices": indices,
         }] }),
     );
@@ -169,4 +176,48 @@ fn cube(builder: &mut Builder) -> Value {
     let indices: Vec<u16> = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
     let indices = builder.shorts(&indices);
     json!({ "attributes": { "POSITION": positions }, "indices": indices })
+}
+
+/// Balls of about a thousand triangles in a cube, each turning on the spot at a pace of its own.
+pub fn balls(count: usize) -> Builder {
+    const RINGS: usize = 20;
+    const SIDES: usize = 26;
+    let mut builder = Builder::new();
+    let point = |ring: usize, side: usize| {
+        let (polar, around) = (
+            std::f32::consts::PI * ring as f32 / RINGS as f32,
+            std::f32::consts::TAU * side as f32 / SIDES as f32,
+        );
+        [polar.sin() * around.cos(), 1.3 * polar.cos(), polar.sin() * around.sin()]
+    };
+    let points: Vec<[f32; 3]> =
+        (0..=RINGS).flat_map(|ring| (0..SIDES).map(move |side| point(ring, side))).collect();
+    let at = |ring: usize, side: usize| (ring * SIDES + side % SIDES) as u16;
+    let indices: Vec<u16> = (0..RINGS)
+        .flat_map(|ring| (0..SIDES).map(move |side| (ring, side)))
+        .flat_map(|(r, s)| {
+            [at(r, s), at(r, s + 1), at(r + 1, s), at(r, s + 1), at(r + 1, s + 1), at(r + 1, s)]
+        })
+        .collect();
+    let (positions, indices) = (builder.floats(&points), builder.shorts(&indices));
+    let attributes = json!({ "POSITION": positions, "NORMAL": positions });
+    builder.push("meshes", json!({ "primitives": [{ "attributes": attributes, "indices": indices }] }));
+    let turns: Vec<[f32; 4]> = (0..=3)
+        .map(|step| DQuat::from_rotation_z(std::f64::consts::TAU * f64::from(step) / 3.0))
+        .map(|turn| turn.to_array().map(|v| v as f32))
+        .collect();
+    let turns = builder.floats(&turns);
+    let side = (count as f64).cbrt().ceil() as usize;
+    let (mut samplers, mut channels) = (Vec::new(), Vec::new());
+    for ball in 0..count {
+        let place = [ball % side, ball / side % side, ball / side / side].map(|i| 3.0 * i as f32);
+        let node = builder.push("nodes", json!({ "mesh": 0, "translation": place }));
+        builder.show(node);
+        let length = 1.0 + (ball % 7) as f32;
+        let times = builder.floats(&[0.0, 1.0, 2.0, 3.0].map(|step: f32| [step * length / 3.0]));
+        samplers.push(json!({ "input": times, "output": turns }));
+        channels.push(json!({ "sampler": ball, "target": { "node": node, "path": "rotation" } }));
+    }
+    builder.json["animations"] = json!([{ "samplers": samplers, "channels": channels }]);
+    builder
 }

@@ -9,6 +9,7 @@ use foveate::gpu::opencl::Device;
 use foveate::gpu::vulkan::Context;
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
+use foveate::trace::MovingScene;
 use glam::DVec3;
 
 use crate::common::moving::world;
@@ -134,6 +135,30 @@ fn pictures_of_what_moves_do_not_depend_on_how_they_are_split() {
     }
 }
 
+/// New trees are taken while frames go on, and show what the old ones did.
+#[test]
+fn parts_whose_trees_are_built_anew_stay_where_they_are() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(true).write_glb(folder.path());
+    let mut config = settings(0.3);
+    config.trace.indirect = Indirect::Paths;
+    let loaded = Loaded::moving_from_file(&path, &config).unwrap();
+    let mut scene = MovingScene::new(&loaded.scene, &loaded.bvh, loaded.parted.as_ref().unwrap()).unwrap();
+    let mut renderer = Renderer::new(&device, &context, &loaded, &config, Output::Radiance).unwrap().0;
+    assert!(!scene.is_rebuilt());
+    for step in 0..130 {
+        let time = f64::from(step) * 0.01;
+        scene.at(0.3 + time);
+        renderer.show_at(time);
+    }
+    assert!(scene.is_rebuilt());
+    let (_, depths) = seen(&mut renderer);
+    let (_, right) = seen(&mut still(&path, &device, &context, &settings(0.3 + 1.29)));
+    assert!(differing(&depths, &right) < 2e-3, "{}", differing(&depths, &right));
+}
+
 #[test]
 fn trees_of_a_moving_scene_are_sound() {
     let folder = tempfile::tempdir().unwrap();
@@ -143,4 +168,49 @@ fn trees_of_a_moving_scene_are_sound() {
     loaded.bvh.validate(&mesh.positions, &mesh.triangles).unwrap();
     let fresh = WideBvh::build(&mesh.positions, &mesh.triangles);
     assert!(loaded.bvh.cost().sum() < 1.6 * fresh.cost().sum() + 2.0);
+}
+
+/// Light that is reused over time does not lag behind what moves: frames come nearer to the truth with it than without,
+/// where things move and where they stay under light that moves.
+#[test]
+fn reuse_over_time_does_no_harm_to_what_moves() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(true).write_glb(folder.path());
+    const FRAMES: u32 = 12;
+    const PERIOD: f64 = 1.0 / 30.0;
+    let end = f64::from(FRAMES - 1) * PERIOD;
+    let settings = |time: f64, reuse: bool, rays: u32| {
+        let mut config = settings(time);
+        (config.trace.indirect, config.time.reuse, config.trace.rays) = (Indirect::Paths, reuse, rays);
+        config
+    };
+    let last = |reuse: bool| {
+        let mut renderer = moving(&path, &device, &context, &settings(0.3, reuse, 8));
+        for frame in 0..FRAMES {
+            renderer.show_at(f64::from(frame) * PERIOD);
+            renderer.frame(&plan(), &[], frame).unwrap();
+        }
+        let picture: Vec<f32> = bytemuck::cast_slice(&renderer.picture().unwrap()).to_vec();
+        (picture, renderer.depths(0))
+    };
+    let (reused, depths) = last(true);
+    let (single, _) = last(false);
+    let (truth, _) = seen(&mut still(&path, &device, &context, &settings(0.3 + end, false, 1024)));
+    let (_, before) = seen(&mut still(&path, &device, &context, &settings(0.3 + end - PERIOD, false, 8)));
+    let moved: Vec<bool> =
+        depths.iter().zip(&before).map(|(a, b)| (a - b).abs() > 1e-4 * a.abs().max(b.abs())).collect();
+    assert!(moved.iter().filter(|&&moved| moved).count() > 300);
+    for place in [true, false] {
+        let error = |picture: &[f32]| {
+            let tone = |v: f32| f64::from(v / (1.0 + v));
+            let pixel = |i: usize| {
+                (0..3).map(|c| (tone(picture[4 * i + c]) - tone(truth[4 * i + c])).powi(2)).sum::<f64>()
+            };
+            (0..moved.len()).filter(|&i| moved[i] == place).map(pixel).sum::<f64>()
+        };
+        let (with, without) = (error(&reused), error(&single));
+        assert!(with < without, "moved: {place}: {with} {without}");
+    }
 }

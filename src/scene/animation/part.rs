@@ -104,13 +104,18 @@ impl Geometry {
         (0..self.positions.len()).into_par_iter().with_min_len(FEW).map(blend).collect()
     }
 
-    /// Positions in the world, in metres; some may not be finite.
-    fn world(&self, pose: &Pose, matrices: &[DMat4]) -> Vec<DVec3> {
+    /// What `take` makes of positions in the world, in metres; some may not be finite.
+    fn world<T: Send>(
+        &self,
+        pose: &Pose,
+        matrices: &[DMat4],
+        take: impl Fn(DVec3) -> T + Sync + Send,
+    ) -> Vec<T> {
         let morphs = self.morphs(pose, |target| &target.positions);
         let place = |(vertex, base): (usize, &Vec3)| {
             let at =
                 morphs.iter().fold(base.as_dvec3(), |at, (deltas, w)| at + deltas[vertex].as_dvec3() * *w);
-            matrices[vertex.min(matrices.len() - 1)].transform_point3(at)
+            take(matrices[vertex.min(matrices.len() - 1)].transform_point3(at))
         };
         self.positions.par_iter().enumerate().with_min_len(FEW).map(place).collect()
     }
@@ -135,7 +140,7 @@ impl Geometry {
 
     /// Where its vertices are in the world, in metres, for a part that `node` and `local` place.
     pub fn places(&self, pose: &Pose, node: usize, local: &DMat4) -> Vec<DVec3> {
-        self.world(pose, &self.matrices(pose, node, local))
+        self.world(pose, &self.matrices(pose, node, local), |p| p)
     }
 
     /// Its triangles as they are wound in a pose: mirroring turns the winding (glTF 2.0, 3.7.4).
@@ -156,9 +161,7 @@ impl Part {
     pub fn at(&self, pose: &Pose, anchor: DVec3, triangles: &[[u32; 3]]) -> Option<Vertices> {
         let geometry = &*self.geometry;
         let matrices = geometry.matrices(pose, self.node, &self.local);
-        let world = geometry.world(pose, &matrices);
-        let positions: Vec<Vec3> =
-            world.par_iter().with_min_len(FEW).map(|&p| (p - anchor).as_vec3()).collect();
+        let positions = geometry.world(pose, &matrices, |p| (p - anchor).as_vec3());
         if !positions.par_iter().with_min_len(FEW).all(|p| p.is_finite()) {
             return None;
         }

@@ -133,13 +133,7 @@ pub(super) fn from_document(
     );
     let ((images, unusable), mut shapes) = (images?, shapes?);
     warnings.extend(unusable);
-    let mut dropped = LeftOut::default();
-    shapes.retain(|shape| {
-        let nothing = shape.triangles.is_empty() && shape.dropped == LeftOut::default();
-        let left_out = LeftOut { empty_primitives: usize::from(nothing), ..shape.dropped };
-        dropped.add(left_out, shape.transforms.len());
-        !shape.triangles.is_empty()
-    });
+    let mut dropped = retain_shown(&mut shapes);
 
     let least_alphas = least_alphas(&shapes);
     drafts.retain(|index, _| least_alphas.contains_key(index));
@@ -172,8 +166,6 @@ pub(super) fn from_document(
     let mut said = HashSet::new();
     warnings.retain(|warning| said.insert(warning.clone()));
     let materials = finished.into_values().map(|finished| finished.material).collect();
-    let scenes = document.scenes.iter().map(|scene| scene.name.clone().unwrap_or_default()).collect();
-    let variants = variants::names(document);
     Ok(Scene {
         anchor,
         mesh,
@@ -184,12 +176,24 @@ pub(super) fn from_document(
         camera: None,
         animations: told,
         motion,
-        scenes,
-        variants,
+        scenes: document.scenes.iter().map(|scene| scene.name.clone().unwrap_or_default()).collect(),
+        variants: variants::names(document),
         instances,
         left_out: dropped,
         warnings,
     })
+}
+
+/// Keeps the shapes that have triangles; what is left out, of all instances.
+fn retain_shown(shapes: &mut Vec<Shape>) -> LeftOut {
+    let mut dropped = LeftOut::default();
+    shapes.retain(|shape| {
+        let nothing = shape.triangles.is_empty() && shape.dropped == LeftOut::default();
+        let left_out = LeftOut { empty_primitives: usize::from(nothing), ..shape.dropped };
+        dropped.add(left_out, shape.transforms.len());
+        !shape.triangles.is_empty()
+    });
+    dropped
 }
 
 /// What moves, if anything does.

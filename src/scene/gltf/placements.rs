@@ -92,6 +92,12 @@ pub fn placements(
             }
         }
     }
+    tell_left_out(thin, without_positions, warnings);
+    Ok(list)
+}
+
+/// Tells of primitives that rays cannot hit.
+fn tell_left_out(thin: usize, without_positions: usize, warnings: &mut Vec<String>) {
     if thin > 0 {
         warnings.push(format!(
             "{thin} primitives of points or lines were left out, because rays cannot hit them"
@@ -100,7 +106,6 @@ pub fn placements(
     if without_positions > 0 {
         warnings.push(format!("{without_positions} primitives without positions were left out"));
     }
-    Ok(list)
 }
 
 /// Whether a primitive of a node is elsewhere at other instants.
