@@ -112,19 +112,28 @@ fn triangle(scene: &Scene, index: u32) -> Option<Emitter> {
 }
 
 fn punctual(index: u32, light: &Light) -> Option<Emitter> {
-    let (cos_spread, share) = match light.kind {
+    let cos_spread = match light.kind {
         LightKind::Directional => return None,
-        LightKind::Point => (-1.0, 1.0),
-        LightKind::Spot { cos_outer, .. } => (cos_outer, (1.0 - cos_outer) * 0.5),
+        LightKind::Point => -1.0,
+        LightKind::Spot { cos_outer, .. } => cos_outer,
     };
-    let power = (luminance(light.intensity) * 4.0 * std::f64::consts::PI) as f32 * share;
-    (power > 0.0 && power.is_finite()).then_some(Emitter {
+    light_power(light).map(|power| Emitter {
         source: Source::Light(index),
         power,
         bounds: [light.position; 2],
         axis: light.direction.normalize_or(Vec3::Y),
         cos_spread,
     })
+}
+
+/// What a point or spot light sends in all directions together; none where that is nothing.
+pub fn light_power(light: &Light) -> Option<f32> {
+    let share = match light.kind {
+        LightKind::Spot { cos_outer, .. } => (1.0 - cos_outer) * 0.5,
+        LightKind::Point | LightKind::Directional => 1.0,
+    };
+    let power = (luminance(light.intensity) * 4.0 * std::f64::consts::PI) as f32 * share;
+    (power > 0.0 && power.is_finite()).then_some(power)
 }
 
 /// A triangle's mean radiance: the mean of seven points, with textures' levels as coarse as these lie apart.

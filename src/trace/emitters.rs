@@ -85,7 +85,7 @@ impl MovingEmitters {
                 let corners = scene.mesh.triangles[index as usize].map(|v| scene.mesh.positions[v as usize]);
                 Some((place, f64::from(emitter.power) / area(corners)))
             }
-            Source::Light(index) if motion.lights.iter().any(|light| light.0 == index as usize) => {
+            Source::Light(index) if motion.lights.iter().any(|moving| moving.light == index as usize) => {
                 Some((place, 0.0))
             }
             _ => None,
@@ -112,6 +112,9 @@ impl MovingEmitters {
                 }
                 Source::Light(index) => {
                     let light = &lights[index as usize];
+                    if let Some(power) = emitters::light_power(light) {
+                        emitter.power = power;
+                    }
                     emitter.bounds = [light.position; 2];
                     emitter.axis = light.direction.normalize_or(Vec3::Y);
                 }

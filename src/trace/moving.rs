@@ -201,11 +201,7 @@ impl MovingScene {
             let all = self.tangents.get_mut(range).into_iter().flatten();
             all.zip(&vertices.tangents).for_each(|(to, tangent)| *to = tangent.to_array());
         }
-        for (&(light, _), placed) in self.motion.lights.iter().zip(&instant.lights) {
-            if let Some((position, direction)) = *placed {
-                (self.lights[light].position, self.lights[light].direction) = (position, direction);
-            }
-        }
+        instant.apply_lights(&self.motion, &mut self.lights);
     }
 }
 

@@ -18,12 +18,16 @@ pub enum Property {
     Scale,
     /// The weights of a node's morph targets.
     Weights,
+    /// How bright a light of the file is, in its unit.
+    Intensity,
+    /// A light's linear colour.
+    Color,
 }
 
 /// A curve, and what it moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {
-    /// Index of the file's node.
+    /// Index of the file's node, or of its light.
     pub node: usize,
     /// What of it.
     pub property: Property,

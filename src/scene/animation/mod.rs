@@ -10,6 +10,6 @@ mod skeleton;
 
 pub use clip::{Channel, Choice, Clip, ClipInfo, Property, choose};
 pub use curve::{Curve, Interpolation};
-pub use motion::{Instant, Motion};
+pub use motion::{Instant, Motion, MovingLight, PlacedGlow};
 pub use part::{Geometry, Part, Skin, Target, Vertices, blended};
-pub use skeleton::{Local, Pose, Skeleton, orientation};
+pub use skeleton::{Glow, Local, Pose, Skeleton, orientation};

@@ -14,10 +14,25 @@ pub struct Motion {
     pub skeleton: Skeleton,
     /// Moving parts in the order of the mesh.
     pub parts: Vec<Part>,
-    /// Lights that move: their index in the scene, and their node.
-    pub lights: Vec<(usize, usize)>,
+    /// Lights that move or change.
+    pub lights: Vec<MovingLight>,
     /// The time for which the scene was loaded, in seconds: what plays on begins there.
     pub start: f64,
+}
+
+/// A light that moves or changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MovingLight {
+    /// Its index in the scene.
+    pub light: usize,
+    /// The node that places it.
+    pub node: usize,
+    /// Its number in the file.
+    pub number: usize,
+    /// The file's linear colour.
+    pub color: Option<[f64; 3]>,
+    /// The file's intensity, in the light's unit.
+    pub intensity: Option<f64>,
 }
 
 /// Everything that moves, at one instant.
@@ -25,8 +40,8 @@ pub struct Motion {
 pub struct Instant {
     /// Vertices of each part; `None` where one is not finite: that part stays where it was.
     pub parts: Vec<Option<Vertices>>,
-    /// Positions relative to the anchor and directions of the moving lights, in their order.
-    pub lights: Vec<Option<(Vec3, Vec3)>>,
+    /// The moving lights, in their order; `None` where one is not finite: it stays where it was.
+    pub lights: Vec<Option<PlacedGlow>>,
 }
 
 impl Motion {
@@ -47,7 +62,7 @@ impl Motion {
         let part = |(part, triangles): (&Part, &Vec<[u32; 3]>)| part.at(&pose, anchor, triangles);
         Instant {
             parts: self.parts.par_iter().zip(triangles).map(part).collect(),
-            lights: self.lights.iter().map(|&(_, node)| placed(&pose, node, anchor)).collect(),
+            lights: self.lights.iter().map(|light| light.at(&pose, anchor)).collect(),
         }
     }
 
@@ -62,6 +77,15 @@ impl Motion {
 }
 
 impl Instant {
+    /// Puts the scene's lights there.
+    pub fn apply_lights(&self, motion: &Motion, lights: &mut [Light]) {
+        for (moving, placed) in motion.lights.iter().zip(&self.lights) {
+            if let Some(PlacedGlow { position, direction, intensity }) = *placed {
+                lights[moving.light] = Light { position, direction, intensity, ..lights[moving.light] };
+            }
+        }
+    }
+
     /// Puts a mesh and its lights there.
     pub fn apply(&self, motion: &Motion, mesh: &mut Mesh, lights: &mut [Light]) {
         for (part, vertices) in motion.parts.iter().zip(&self.parts) {
@@ -72,18 +96,31 @@ impl Instant {
                 mesh.tangents[part.vertices.clone()].copy_from_slice(&vertices.tangents);
             }
         }
-        for (&(light, _), placed) in motion.lights.iter().zip(&self.lights) {
-            if let Some((position, direction)) = *placed {
-                (lights[light].position, lights[light].direction) = (position, direction);
-            }
-        }
+        self.apply_lights(motion, lights);
     }
 }
 
-/// Where a light is and shines at.
-fn placed(pose: &Pose, node: usize, anchor: DVec3) -> Option<(Vec3, Vec3)> {
-    let world: &DMat4 = &pose.world[node];
-    let turned: DQuat = orientation(world);
-    let (position, direction) = ((world.w_axis.truncate() - anchor).as_vec3(), turned * DVec3::NEG_Z);
-    (position.is_finite() && direction.is_finite()).then(|| (position, direction.as_vec3().normalize()))
+/// Where a light is, where it shines at, and how brightly: as in [`Light`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedGlow {
+    /// Relative to the anchor.
+    pub position: Vec3,
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Linear colour times intensity.
+    pub intensity: Vec3,
+}
+
+impl MovingLight {
+    fn at(&self, pose: &Pose, anchor: DVec3) -> Option<PlacedGlow> {
+        let world: &DMat4 = &pose.world[self.node];
+        let turned: DQuat = orientation(world);
+        let (position, direction) = ((world.w_axis.truncate() - anchor).as_vec3(), turned * DVec3::NEG_Z);
+        let glow = pose.lights.get(&self.number).copied().unwrap_or_default();
+        (position.is_finite() && direction.is_finite()).then(|| PlacedGlow {
+            position,
+            direction: direction.as_vec3().normalize(),
+            intensity: glow.radiated(self.color, self.intensity),
+        })
+    }
 }

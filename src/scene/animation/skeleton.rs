@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
 
 use super::curve::unit;
 use super::{Clip, Property};
@@ -54,6 +54,17 @@ pub struct Pose {
     pub world: Vec<DMat4>,
     /// Weights of morph targets, of the nodes whose weights move.
     pub weights: BTreeMap<usize, Vec<f64>>,
+    /// Lights of the file that change.
+    pub lights: BTreeMap<usize, Glow>,
+}
+
+/// What of a light clips have changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Glow {
+    /// Linear colour.
+    pub color: Option<[f64; 3]>,
+    /// In the light's unit.
+    pub intensity: Option<f64>,
 }
 
 impl Skeleton {
@@ -71,18 +82,32 @@ impl Skeleton {
     /// Where everything is at a time, in seconds since its clips began to play; each loops by itself.
     pub fn pose(&self, time: f64) -> Pose {
         let (mut locals, mut weights) = (self.rest.clone(), BTreeMap::new());
+        let mut lights: BTreeMap<usize, Glow> = BTreeMap::new();
         for clip in &self.clips {
             let time = clip.looped(time);
             for channel in &clip.channels {
                 let mut vector = [0.0; 3];
                 let curve = &channel.curve;
+                match channel.property {
+                    Property::Intensity => {
+                        curve.sample(time, &mut vector[..1]);
+                        lights.entry(channel.node).or_default().intensity = Some(vector[0]);
+                        continue;
+                    }
+                    Property::Color => {
+                        curve.sample(time, &mut vector);
+                        lights.entry(channel.node).or_default().color = Some(vector);
+                        continue;
+                    }
+                    _ => {}
+                }
                 match (&mut locals[channel.node], channel.property) {
                     (_, Property::Weights) => {
                         let mut values = vec![0.0; curve.width()];
                         curve.sample(time, &mut values);
                         weights.insert(channel.node, values);
                     }
-                    (Local::Matrix(_), _) => {}
+                    (Local::Matrix(_), _) | (_, Property::Intensity | Property::Color) => {}
                     (Local::Parts { rotation, .. }, Property::Rotation) => *rotation = curve.rotation(time),
                     (Local::Parts { translation, .. }, Property::Translation) => {
                         curve.sample(time, &mut vector);
@@ -101,14 +126,18 @@ impl Skeleton {
             world[node] =
                 self.parents[node].map_or_else(root, |parent| world[parent]) * locals[node].matrix();
         }
-        Pose { world, weights }
+        Pose { world, weights, lights }
     }
 
     /// Which nodes move: those that clips move, and all below them.
     pub fn moving(&self) -> Vec<bool> {
         let mut moving = vec![false; self.rest.len()];
         for channel in self.clips.iter().flat_map(|clip| &clip.channels) {
-            moving[channel.node] |= channel.property != Property::Weights;
+            let moves =
+                matches!(channel.property, Property::Translation | Property::Rotation | Property::Scale);
+            if moves {
+                moving[channel.node] = true;
+            }
         }
         for &node in &self.order {
             moving[node] |= self.parents[node].is_some_and(|parent| moving[parent]);
@@ -124,6 +153,15 @@ pub fn orientation(world: &DMat4) -> DQuat {
     let up = world.y_axis.truncate();
     let right = up.cross(back).try_normalize().unwrap_or_else(|| back.any_orthonormal_vector());
     DQuat::from_mat3(&DMat3::from_cols(right, back.cross(right), back))
+}
+
+impl Glow {
+    /// Linear colour times intensity, not negative and finite, where the file says these.
+    pub fn radiated(&self, color: Option<[f64; 3]>, intensity: Option<f64>) -> Vec3 {
+        let intensity = self.intensity.or(intensity).unwrap_or(1.0);
+        let color = self.color.or(color).unwrap_or([1.0; 3]);
+        Vec3::from_array(color.map(|c| (c * intensity).clamp(0.0, f64::from(f32::MAX)) as f32))
+    }
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use super::json::{Animation, Document, Keys};
 use super::{Outcome, json};
 use crate::scene::animation::{Channel, Clip, Curve, Interpolation, Property};
 use crate::scene::budget::Budget;
+use crate::scene::source::shorten;
 
 /// Every animation of the file, also those without anything to play.
 pub fn clips(
@@ -56,6 +57,22 @@ fn bytes(document: &Document, animation: &Animation) -> u64 {
     animation.channels.iter().flatten().filter_map(keys).fold(0, u64::saturating_add)
 }
 
+/// What of which node or light a pointer names (KHR_animation_pointer); a clause where that is not played.
+fn pointed(pointer: &str) -> Outcome<(&str, Option<usize>)> {
+    let refuse = || format!("moves {:?}, which is not played", shorten(pointer));
+    let parts: Vec<&str> = pointer.split('/').collect();
+    let number = |text: &str| text.parse::<usize>().ok();
+    match parts[..] {
+        ["", "nodes", node, path @ ("translation" | "rotation" | "scale" | "weights")] => {
+            Ok((path, Some(number(node).ok_or_else(refuse)?)))
+        }
+        ["", "extensions", "KHR_lights_punctual", "lights", light, path @ ("intensity" | "color")] => {
+            Ok((path, Some(number(light).ok_or_else(refuse)?)))
+        }
+        _ => Err(refuse()),
+    }
+}
+
 struct Reader<'a> {
     document: &'a Document,
     buffers: &'a Buffers<'a>,
@@ -66,7 +83,15 @@ impl Reader<'_> {
     /// A channel, if it moves anything; else a clause about what is wrong with it.
     fn channel(&self, channel: Option<&json::Channel>) -> Outcome<Option<Channel>> {
         let channel = channel.ok_or("is malformed")?;
-        let property = match channel.target.path.as_str() {
+        let target = &channel.target;
+        let (path, node) = match &target.extensions.pointer {
+            Some(pointer) if target.path == "pointer" => pointed(&pointer.pointer)?,
+            _ => (target.path.as_str(), target.node.map(|node| node.0)),
+        };
+        if let "intensity" | "color" = path {
+            return self.light(channel, path, node).map(Some);
+        }
+        let property = match path {
             "translation" => Property::Translation,
             "rotation" => Property::Rotation,
             "scale" => Property::Scale,
@@ -74,20 +99,33 @@ impl Reader<'_> {
             other => return Err(format!("moves {other:?}, which is not played")),
         };
         // Without a node it is for an extension, and to be ignored (glTF 2.0, 5.6 "animation.channel.target").
-        let Some(node) = channel.target.node.map(|node| node.0) else { return Ok(None) };
+        let Some(node) = node else { return Ok(None) };
         let there =
             self.document.nodes.get(node).ok_or_else(|| format!("moves node {node}, which is not there"))?;
         if there.matrix.is_some() && property != Property::Weights {
             return Err(format!("moves node {node}, which has a matrix"));
         }
         let width = match property {
-            Property::Translation | Property::Scale => 3,
+            Property::Translation | Property::Scale | Property::Color => 3,
             Property::Rotation => 4,
+            Property::Intensity => 1,
             Property::Weights => self.targets(node)?,
         };
+        let curve = self.curve(self.keys(channel)?, width, property)?;
+        Ok(Some(Channel { node, property, curve }))
+    }
+
+    fn keys(&self, channel: &json::Channel) -> Outcome<&Keys> {
         let keys = self.animation.samplers.get(channel.sampler.0).and_then(Option::as_ref);
-        let keys = keys.ok_or_else(|| format!("has no sampler {}", channel.sampler.0))?;
-        Ok(Some(Channel { node, property, curve: self.curve(keys, width, property)? }))
+        keys.ok_or_else(|| format!("has no sampler {}", channel.sampler.0))
+    }
+
+    /// A channel that changes a light of the file.
+    fn light(&self, channel: &json::Channel, path: &str, light: Option<usize>) -> Outcome<Channel> {
+        let count = self.document.extensions.lights.as_ref().map_or(0, |lights| lights.lights.len());
+        let light = light.filter(|light| *light < count).ok_or("changes a light that is not there")?;
+        let (property, width) = if path == "color" { (Property::Color, 3) } else { (Property::Intensity, 1) };
+        Ok(Channel { node: light, property, curve: self.curve(self.keys(channel)?, width, property)? })
     }
 
     /// Morph targets of a node's mesh.

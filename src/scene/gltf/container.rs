@@ -7,10 +7,11 @@ use super::{Outcome, weigh};
 use crate::scene::budget::Budget;
 
 /// Extensions that this loader implements.
-const SUPPORTED: [&str; 20] = [
+const SUPPORTED: [&str; 21] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
+    "KHR_animation_pointer",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",

@@ -49,14 +49,15 @@ use self::images::{Decoded, Images};
 use self::json::Document;
 use self::materials::{Draft, Finished, TextureTable};
 use self::nodes::Nodes;
+use self::placed::PlacedLight;
 use self::placements::{Placement, placements};
 use self::shape::Shape;
 use self::surface::Surface;
-use super::animation::{Clip, ClipInfo, Motion, Part, choose};
+use super::animation::{Clip, ClipInfo, Motion, MovingLight, Part, choose};
 use super::options::by_name;
 use super::source::{self, Folder};
 use super::texture::mip_levels;
-use super::{LeftOut, Light, LoadOptions, Outcome, Scene, Texture};
+use super::{LeftOut, LoadOptions, Outcome, Scene, Texture};
 use crate::{Error, Result};
 
 /// A `.glb` cannot be longer, and no sensible `.gltf` is.
@@ -161,7 +162,8 @@ pub(super) fn from_document(
     let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
     tell_left_out(dropped, lacking, &mut warnings);
     let placed = placed::lights(document, &nodes, anchor, &mut warnings)?;
-    let motion = options.keeps_motion.then(|| motion(&nodes, parts, &placed, options.time)).flatten();
+    let motion =
+        options.keeps_motion.then(|| motion(document, &nodes, parts, &placed, options.time)).flatten();
     let cameras = placed::cameras(document, &nodes, &mut warnings);
     let mut said = HashSet::new();
     warnings.retain(|warning| said.insert(warning.clone()));
@@ -171,7 +173,7 @@ pub(super) fn from_document(
         mesh,
         materials,
         textures,
-        lights: placed.into_iter().map(|(_, light)| light).collect(),
+        lights: placed.into_iter().map(|placed| placed.light).collect(),
         cameras,
         camera: None,
         animations: told,
@@ -197,9 +199,24 @@ fn retain_shown(shapes: &mut Vec<Shape>) -> LeftOut {
 }
 
 /// What moves, if anything does.
-fn motion(nodes: &Nodes, parts: Vec<Part>, lights: &[(usize, Light)], start: f64) -> Option<Arc<Motion>> {
-    let lights = lights.iter().enumerate().map(|(index, (node, _))| (index, *node));
-    let lights: Vec<_> = lights.filter(|(_, node)| nodes.moving[*node]).collect();
+fn motion(
+    document: &Document,
+    nodes: &Nodes,
+    parts: Vec<Part>,
+    lights: &[PlacedLight],
+    start: f64,
+) -> Option<Arc<Motion>> {
+    let of_file = |number: usize| document.extensions.lights.as_ref().map(|list| &list.lights[number]);
+    let moving = |(index, placed): (usize, &PlacedLight)| MovingLight {
+        light: index,
+        node: placed.node,
+        number: placed.number,
+        color: of_file(placed.number).and_then(|light| light.color),
+        intensity: of_file(placed.number).and_then(|light| light.intensity),
+    };
+    let moves =
+        |light: &MovingLight| nodes.moving[light.node] || nodes.pose.lights.contains_key(&light.number);
+    let lights: Vec<MovingLight> = lights.iter().enumerate().map(moving).filter(moves).collect();
     let moves = !parts.is_empty() || !lights.is_empty();
     moves.then(|| Arc::new(Motion { skeleton: nodes.skeleton.clone(), parts, lights, start }))
 }

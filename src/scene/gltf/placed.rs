@@ -4,11 +4,11 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use glam::{DMat4, DVec3, Vec3};
 
+use super::Outcome;
 use super::json::{self, Document};
 use super::nodes::Nodes;
-use super::{Outcome, finite};
 use crate::math::pose::Pose;
-use crate::scene::animation::orientation;
+use crate::scene::animation::{Glow, orientation};
 use crate::scene::{Camera, Light, LightKind};
 
 /// The scene's cameras; world positions are absolute.
@@ -37,13 +37,23 @@ pub fn cameras(document: &Document, nodes: &Nodes, warnings: &mut Vec<String>) -
         .collect()
 }
 
-/// The scene's lights (KHR_lights_punctual), relative to `anchor`, each with its node.
+/// A light of the scene, its node, and its number in the file.
+pub struct PlacedLight {
+    /// The node that places it.
+    pub node: usize,
+    /// Index of the document's light.
+    pub number: usize,
+    /// Where it is at the instant that is shown.
+    pub light: Light,
+}
+
+/// The scene's lights (KHR_lights_punctual), relative to `anchor`. Those that are dark are left out, unless that changes.
 pub fn lights(
     document: &Document,
     nodes: &Nodes,
     anchor: DVec3,
     warnings: &mut Vec<String>,
-) -> Outcome<Vec<(usize, Light)>> {
+) -> Outcome<Vec<PlacedLight>> {
     let Some(list) = &document.extensions.lights else { return Ok(Vec::new()) };
     let placed = nodes
         .shown
@@ -51,31 +61,32 @@ pub fn lights(
         .filter_map(|&node| Some((node, document.nodes[node].extensions.light.as_ref()?.light.0)));
     let mut lights = Vec::new();
     for (node, index) in placed {
-        let light = place(&list.lights[index], index, &nodes.pose.world[node], anchor)?;
+        let glow = nodes.pose.lights.get(&index).copied();
+        let light =
+            place(&list.lights[index], index, glow.unwrap_or_default(), &nodes.pose.world[node], anchor)?;
         if !light.position.is_finite() {
             warnings.push(format!("light {index} has no finite position and was left out"));
-        } else if light.intensity != Vec3::ZERO {
-            lights.push((node, light));
+        } else if light.intensity != Vec3::ZERO || glow.is_some() {
+            lights.push(PlacedLight { node, number: index, light });
         }
     }
     Ok(lights)
 }
 
-fn place(light: &json::Light, index: usize, world: &DMat4, anchor: DVec3) -> Outcome<Light> {
+fn place(light: &json::Light, index: usize, glow: Glow, world: &DMat4, anchor: DVec3) -> Outcome<Light> {
     let kind = match light.kind.as_str() {
         "point" => LightKind::Point,
         "directional" => LightKind::Directional,
         "spot" => spot(light),
         other => return Err(format!("light {index} has the unknown type {other:?}; export the scene again")),
     };
-    let intensity = light.intensity.unwrap_or(1.0);
     let position = match kind {
         LightKind::Directional => Vec3::ZERO,
         _ => (world.w_axis.truncate() - anchor).as_vec3(),
     };
     Ok(Light {
         kind,
-        intensity: light.color.unwrap_or([1.0; 3]).map(|c| finite(c * intensity).max(0.0)).into(),
+        intensity: glow.radiated(light.color, light.intensity),
         position,
         direction: (orientation(world) * DVec3::NEG_Z).as_vec3().normalize(),
         range: light.range.filter(|&range| range > 0.0).map_or(f32::INFINITY, |range| range as f32),

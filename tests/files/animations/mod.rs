@@ -303,3 +303,52 @@ fn joints_without_size_and_skins_of_themselves_harm_nothing() {
     circle.json["nodes"][8]["children"] = json!([1]);
     assert!(load_at(&circle, "all", 1.0).unwrap_err().to_string().contains("form a cycle"));
 }
+
+/// KHR_animation_pointer, as far as it is played: nodes and lights.
+#[test]
+fn pointers_move_nodes_and_change_lights() {
+    let pointing = |pointer: &str, values: &[f32]| {
+        moved(|b| {
+            let output = match values.len() {
+                2 => b.floats(&[[values[0]], [values[1]]]),
+                _ => b.floats(&[[values[0], values[1], values[2]], [values[3], values[4], values[5]]]),
+            };
+            b.json["extensionsUsed"] = json!(["KHR_animation_pointer", "KHR_lights_punctual"]);
+            b.json["extensionsRequired"] = json!(["KHR_animation_pointer"]);
+            let light = json!({ "type": "point", "intensity": 2.0, "color": [1.0, 0.5, 0.0] });
+            b.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [light] } });
+            let node = b.push("nodes", json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } } }));
+            b.show(node);
+            b.json["animations"][0]["samplers"][0]["output"] = json!(output);
+            let extension = json!({ "KHR_animation_pointer": { "pointer": pointer } });
+            b.json["animations"][0]["channels"][0]["target"] =
+                json!({ "path": "pointer", "extensions": extension });
+        })
+    };
+    let slides = pointing("/nodes/0/translation", &[0.0, 0.0, 0.0, 4.0, 0.0, 0.0]);
+    assert_eq!(first(&slides, "all", 1.0).x, 2.0);
+
+    // Dark at first: it is there all the same, and brightens.
+    let path = "/extensions/KHR_lights_punctual/lights/0";
+    let dimmed = pointing(&format!("{path}/intensity"), &[0.0, 8.0]);
+    let lit = |time: f64| load_at(&dimmed, "all", time).unwrap().lights[0].intensity.to_array();
+    assert_eq!([lit(0.0), lit(1.0)], [[0.0; 3], [4.0, 2.0, 0.0]]);
+    let folder = tempfile::tempdir().unwrap();
+    let options = LoadOptions { animation: Choice::All, keeps_motion: true, ..LoadOptions::default() };
+    let mut scene = Scene::load_with(&dimmed.write_glb(folder.path()), &options).unwrap();
+    let motion = scene.motion.clone().unwrap();
+    motion.at(1.0, scene.anchor, &[]).apply(&motion, &mut scene.mesh, &mut scene.lights);
+    assert_eq!(scene.lights[0].intensity.to_array(), [4.0, 2.0, 0.0]);
+    let colored = pointing(&format!("{path}/color"), &[1.0, 0.5, 0.0, 0.0, 0.5, 1.0]);
+    assert_eq!(load_at(&colored, "all", 1.0).unwrap().lights[0].intensity.to_array(), [1.0, 1.0, 1.0]);
+    assert_eq!(load_at(&colored, "none", 1.0).unwrap().lights[0].intensity.to_array(), [2.0, 1.0, 0.0]);
+
+    let elsewhere =
+        load_at(&pointing("/materials/0/emissiveFactor", &[0.0; 6]), "all", 0.0).unwrap().warnings;
+    assert!(
+        elsewhere[0].contains("moves \"/materials/0/emissiveFactor\", which is not played"),
+        "{elsewhere:?}"
+    );
+    let gone = load_at(&pointing("/extensions/KHR_lights_punctual/lights/7/color", &[0.0; 6]), "all", 0.0);
+    assert!(gone.unwrap().warnings[0].contains("a light that is not there"));
+}

@@ -25,6 +25,20 @@ pub struct Channel {
 pub struct Target {
     pub node: Option<Int>,
     pub path: String,
+    #[serde(default)]
+    pub extensions: TargetExtensions,
+}
+
+#[derive(Derive, Default)]
+pub struct TargetExtensions {
+    #[serde(rename = "KHR_animation_pointer")]
+    pub pointer: Option<Pointer>,
+}
+
+/// A JSON pointer (RFC 6901) into the document.
+#[derive(Derive)]
+pub struct Pointer {
+    pub pointer: String,
 }
 
 /// `animation.sampler`.
