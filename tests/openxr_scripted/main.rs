@@ -5,6 +5,7 @@
 mod common;
 
 mod budget;
+mod changes;
 mod cycles;
 mod depth;
 mod extras;

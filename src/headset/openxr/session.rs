@@ -12,7 +12,7 @@ use super::floor::Floor;
 use super::gaze::{self, EyeTracker};
 use super::lifecycle::{self, Duty, Lifecycle};
 use super::runtime::Runtime;
-use super::setup::{Steady, images, sizes};
+use super::setup::{Sizes, Steady, images, sizes};
 use super::swapchain::{Formats, ViewImages, formats};
 use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
@@ -46,6 +46,7 @@ pub struct Options {
 pub struct Session {
     // In the order in which they end.
     images: Vec<ViewImages>,
+    sizes: Sizes,
     actions: Option<Actions>,
     eyes: Option<EyeTracker>,
     space: xr::Space,
@@ -111,6 +112,7 @@ impl Session {
         let (formats, images) = images(&session, context, &candidates, &sizes, &mut notes)?;
         Ok(Session {
             images,
+            sizes: Sizes::new(runtime.system, runtime.views, options.size, context),
             actions,
             eyes,
             space,
@@ -291,6 +293,10 @@ impl Headset for Session {
         }
         let Some(state) = self.waiter.take(PATIENCE)? else { return Ok(Next::Pause) };
         let frame = self.begin(state)?;
+        let renewed = self.sizes.renewed(&self.session, self.formats, &self.images, &mut self.notes)?;
+        if let Some(images) = renewed {
+            self.images = images;
+        }
         let step = Duration::from_nanos(self.clock.step() as u64);
         // The next frame is waited for while this one is traced; not so early that its time is past when
         // this one ends. Not every runtime holds up frames that nobody sees.

@@ -53,6 +53,52 @@ pub fn images(
     Err(Fault::Session("xrCreateSwapchain refuses every format that it offers; restart the runtime".into()))
 }
 
+/// Frames after which the runtime is asked again which sizes it recommends: no event tells of others.
+const AGAIN: u32 = 45;
+
+/// Follows the sizes that a runtime recommends.
+pub struct Sizes {
+    system: xr::SystemId,
+    views: xr::ViewConfigurationType,
+    wanted: [Option<u32>; 2],
+    context: Context,
+    frames: u32,
+}
+
+impl Sizes {
+    /// Of a system's views; those of `wanted` stay.
+    pub fn new(
+        system: xr::SystemId,
+        views: xr::ViewConfigurationType,
+        wanted: [Option<u32>; 2],
+        context: &Context,
+    ) -> Self {
+        Sizes { system, views, wanted, context: context.clone(), frames: 0 }
+    }
+
+    /// New images in place of old ones where other sizes are recommended by now; looks now and then.
+    pub fn renewed(
+        &mut self,
+        session: &xr::Session<xr::Vulkan>,
+        formats: Formats,
+        old: &[ViewImages],
+        notes: &mut Notes,
+    ) -> Outcome<Option<Vec<ViewImages>>> {
+        self.frames = (self.frames + 1) % AGAIN;
+        if self.frames != 0 || self.wanted.iter().all(Option::is_some) {
+            return Ok(None);
+        }
+        let asked = session.instance().enumerate_view_configuration_views(self.system, self.views);
+        // What is refused is asked for again.
+        let Ok(views) = asked else { return Ok(None) };
+        let sizes = sizes(&views, self.wanted, self.context.image_size_limit(), notes);
+        if sizes.len() != old.len() || sizes.iter().zip(old).all(|(size, old)| *size == old.size()) {
+            return Ok(None);
+        }
+        images(session, &self.context, &[formats], &sizes, notes).map(|(_, images)| Some(images))
+    }
+}
+
 /// A steady clock that reads as the runtime's own where that is lent.
 #[derive(Clone, Copy)]
 pub struct Steady {

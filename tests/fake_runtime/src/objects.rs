@@ -42,6 +42,8 @@ pub(crate) struct Session {
     pub sync_frames: (u64, u64),
     /// By view, where an event has changed it.
     pub hidden_corners: BTreeMap<u32, f32>,
+    /// The LOCAL space's origin where it was when the session was created.
+    pub origin: Pose,
     pub refresh_rate: f32,
     /// How many frames had ended as views were located last, and how often it was asked in that frame before.
     pub asked: (u64, u32),

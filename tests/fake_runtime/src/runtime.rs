@@ -288,12 +288,24 @@ impl Runtime {
         let configuration = session.configuration.unwrap_or(xr::ViewConfigurationType::PRIMARY_STEREO);
         let events = session.script.events.iter().filter(|event| event.frame == frame);
         let events: Vec<EventKind> = events.map(|event| event.event).collect();
+        let (created, time) = (session.created, now());
         for event in &events {
-            if let EventKind::VisibilityMask { view, hidden_corner } = *event {
-                session.hidden_corners.insert(view, hidden_corner);
+            match *event {
+                EventKind::VisibilityMask { view, hidden_corner } => {
+                    self.session(handle)?.hidden_corners.insert(view, hidden_corner);
+                }
+                EventKind::Recentred => {
+                    let head = world::head(&self.script.head, (time - created) as f64 * 1e-9);
+                    self.session(handle)?.origin = head;
+                }
+                EventKind::ViewSize { view, size } => {
+                    self.script.views.iter_mut().skip(view).take(1).for_each(|view| view.size = size);
+                }
+                _ => {}
             }
         }
-        events.into_iter().for_each(|event| self.queue(Queued::Scripted(handle, event, configuration)));
+        let events = events.into_iter().filter(|event| !matches!(event, EventKind::ViewSize { .. }));
+        events.for_each(|event| self.queue(Queued::Scripted(handle, event, configuration)));
         Ok(())
     }
 
@@ -321,8 +333,9 @@ impl Runtime {
 
     /// The head in the LOCAL space at a time.
     pub fn head(&mut self, session: u64, time: i64) -> Result<Pose, Refusal> {
-        let created = self.session(session)?.created;
-        Ok(world::head(&self.script.head, (time - created) as f64 * 1e-9))
+        let (created, origin) = (self.session(session)?.created, self.session(session)?.origin);
+        let head = world::head(&self.script.head, (time - created) as f64 * 1e-9);
+        Ok(origin.inverse().then(head))
     }
 
     /// The text of a path.

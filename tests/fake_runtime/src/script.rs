@@ -285,6 +285,15 @@ pub enum EventKind {
     },
     /// Another refresh rate, hertz.
     RefreshRate(f32),
+    /// The wearer has the runtime make where the head is, and the way it faces, the LOCAL space's origin.
+    Recentred,
+    /// Another size is recommended for a view from now on, which no event tells.
+    ViewSize {
+        /// The view's index in the stereo configuration.
+        view: usize,
+        /// See [`View::size`].
+        size: [u32; 2],
+    },
 }
 
 /// A frame whose pictures are written out.

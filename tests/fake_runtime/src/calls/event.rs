@@ -61,6 +61,19 @@ pub(crate) fn poll_event(instance: xr::Instance, event: Out<xr::EventDataBuffer>
                     view_index: view,
                 })?;
             }
+            Queued::Scripted(_, EventKind::ViewSize { .. }, _) => return Ok(xr::Result::EVENT_UNAVAILABLE),
+            Queued::Scripted(session, EventKind::Recentred, _) => {
+                let origin = runtime.session(session)?.origin;
+                event.event(xr::EventDataReferenceSpaceChangePending {
+                    ty: xr::EventDataReferenceSpaceChangePending::TYPE,
+                    next,
+                    session: xr::Session::from_raw(session),
+                    reference_space_type: xr::ReferenceSpaceType::LOCAL,
+                    change_time: time,
+                    pose_valid: true.into(),
+                    pose_in_previous_space: origin.to_xr(),
+                })?;
+            }
             Queued::Scripted(session, EventKind::RefreshRate(rate), _) => {
                 runtime.needs("XR_FB_display_refresh_rate").map_err(|_| xr::Result::EVENT_UNAVAILABLE)?;
                 let from = std::mem::replace(&mut runtime.session(session)?.refresh_rate, rate);

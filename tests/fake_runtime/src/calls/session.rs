@@ -12,6 +12,7 @@ use crate::refusal::{Outcome, invalid, wrong};
 use crate::runtime::{On, Runtime, enter, now};
 use crate::script::When;
 use crate::vulkan::Gpu;
+use crate::world::Pose;
 
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
 
@@ -75,6 +76,7 @@ pub(crate) fn create(
             synced: BTreeSet::new(),
             sync_frames: (0, 0),
             hidden_corners: BTreeMap::new(),
+            origin: Pose::IDENTITY,
             refresh_rate: (1000.0 / runtime.script.period_ms) as f32,
             asked: (u64::MAX, 0),
         };

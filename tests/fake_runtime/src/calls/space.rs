@@ -188,12 +188,12 @@ impl Runtime {
 
     /// Where a space is in the LOCAL space; nothing where it is not tracked.
     fn in_local(&mut self, session: u64, handle: u64, time: i64) -> Result<Option<Pose>, Refusal> {
-        let head = self.head(session, time)?;
+        let (head, origin) = (self.head(session, time)?, self.session(session)?.origin);
         Ok(match self.space(handle)? {
             Space::Reference(kind, pose) => Some(match kind {
                 xr::ReferenceSpaceType::VIEW => head.then(pose),
                 xr::ReferenceSpaceType::LOCAL => pose,
-                _ => Pose::floor(self.script.eye_height).then(pose),
+                _ => origin.inverse().then(Pose::floor(self.script.eye_height)).then(pose),
             }),
             Space::Action { action, hand, pose } => {
                 self.action_pose(session, action, hand)?.map(|inner| head.then(inner).then(pose))
