@@ -113,6 +113,7 @@ lint: ## Check format, lints and crates (needs the rustfmt and clippy components
 	@$(need_cargo)
 	cargo fmt --all --check
 	cargo clippy --all-targets -- -D warnings
+	cargo clippy --lib --bins --no-default-features -- -D warnings
 	scripts/check-crates.sh
 
 install-udev: ## Let this seat's user open the tracker of a Rift DK1

@@ -20,6 +20,7 @@ fn main() -> ExitCode {
     defaults.retain(|(name, _)| std::env::var_os(name).is_none());
     let cli = foveate::cli::Cli::parse();
     let json = cli.json();
+    foveate::progress::show();
     if let Some((folder, note)) = foveate::cli::caches::elsewhere().filter(|_| cli.uses_drivers()) {
         foveate::cli::complain(&format!("note: {note}"));
         defaults.push(("XDG_CACHE_HOME", folder.into()));

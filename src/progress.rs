@@ -1,5 +1,5 @@
 //! What is waited for, on standard error, where that is a terminal: a line for each step, a bar where its length is
-//! known. Elsewhere nothing is shown.
+//! known. Nothing is shown elsewhere, nor before [`show`]: a library is silent.
 
 use std::sync::LazyLock;
 use std::time::Duration;
@@ -8,13 +8,18 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// All lines and bars, one below the other.
 static LINES: LazyLock<MultiProgress> =
-    LazyLock::new(|| MultiProgress::with_draw_target(ProgressDrawTarget::stderr()));
+    LazyLock::new(|| MultiProgress::with_draw_target(ProgressDrawTarget::hidden()));
 
 /// Time between two pictures of a line, which tells how long its step has taken.
 const TICK: Duration = Duration::from_millis(200);
 
 /// A step's line; gone when this is dropped.
 pub struct Step(ProgressBar);
+
+/// Has lines and bars shown from now on.
+pub fn show() {
+    LINES.set_draw_target(ProgressDrawTarget::stderr());
+}
 
 /// Shows that something is done now.
 pub fn step(what: &str) -> Step {

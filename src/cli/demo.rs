@@ -6,13 +6,11 @@ use super::machine::Machine;
 use super::mock::{Session, check_out, fitted, stereo_defaults};
 use super::options::{Options, RenderOptions, SpeedFlag, keep_up};
 use super::output;
-use super::run::{Presentation, Watchdog, stop_signal, takes_insets};
 use super::window::Show;
 use crate::config::{Config, Layers, Stereo};
 use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::headset::mock::Profile;
-use crate::headset::openxr::Runtime;
 use crate::scene::{Scene, generate};
 
 /// Arguments of `foveate demo`.
@@ -89,12 +87,9 @@ pub fn run(args: &Args) -> Result<()> {
     }
     args.scene.as_deref().map_or(Ok(()), Scene::check)?;
     check_out(&args.out)?;
-    match Runtime::connect(takes_insets(&config)) {
-        Ok(runtime) => return in_headset(args, &displayed, &notes, runtime),
-        Err(absent) => {
-            let why = absent.sentence();
-            output::print_warnings(&[format!("a mock headset stands in for a real one: {why}")]);
-        }
+    match headset(args, [&config, &displayed], &notes) {
+        Ok(ended) => return ended,
+        Err(why) => output::print_warnings(&[format!("a mock headset stands in for a real one: {why}")]),
     }
     let (machine, loaded) =
         rayon::join(|| Machine::open(&config.devices), || load(args.scene.as_deref(), &config));
@@ -114,26 +109,19 @@ pub fn run(args: &Args) -> Result<()> {
     session.run(frames, SCRIPT_SECONDS)?.print(args.options.config.json)
 }
 
-/// The same scene in a headset, until the wearer or the operator has seen enough.
-fn in_headset(args: &Args, config: &Config, notes: &[String], runtime: Runtime) -> Result<()> {
-    let stop = stop_signal()?;
-    let watch = Watchdog::start(stop.clone(), args.options.config.json);
-    let loaded = load(args.scene.as_deref(), config)?;
-    output::print_warnings(&loaded.warnings);
-    output::print_warnings(notes);
-    let [width, height] = args.options.given_size()?;
-    let presentation = Presentation {
-        config,
-        loaded: &loaded,
-        rest: args.options.view.viewpoint(&loaded.scene, config)?.0,
-        gaze: args.options.look.gaze,
-        fov_y: args.options.view.fov_y(),
-        size: [width.map(|both| both.div_ceil(2)), height],
-        frames: None,
-        quiet: args.options.config.json,
-        log: None,
-        waits: false,
-        stop,
-    };
-    presentation.run(runtime, &watch)
+#[cfg(feature = "openxr")]
+use super::run::demo as headset;
+
+/// Without OpenXR there is no headset.
+#[cfg(not(feature = "openxr"))]
+fn headset(_: &Args, _: [&Config; 2], _: &[String]) -> std::result::Result<Result<()>, String> {
+    Err("this program was built without OpenXR; build it with the feature openxr".to_string())
+}
+
+#[cfg(feature = "openxr")]
+impl Args {
+    /// The scene to show instead of the demo scene.
+    pub fn scene(&self) -> Option<&Path> {
+        self.scene.as_deref()
+    }
 }

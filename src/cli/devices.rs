@@ -16,14 +16,13 @@ use crate::frame::{Loaded, Output, Plan, Renderer};
 use crate::gpu::interop;
 use crate::gpu::opencl::{Device, DeviceInfo, device};
 use crate::gpu::vulkan::{self, Context, ContextOptions};
-use crate::headset::openxr::Runtime;
 use crate::isolated;
 use crate::math::view::View;
 use crate::scene::{default_viewpoint, generate};
 use crate::trace::State;
 
 use super::options::eye_fov;
-use parts::{KERNELS, OPENCL, OPENXR, Parts, SHARES, SHARING, VULKAN};
+use parts::{KERNELS, OPENCL, Parts, SHARES, SHARING, VULKAN};
 
 /// Arguments of `foveate devices`.
 #[derive(Debug, clap::Args)]
@@ -277,15 +276,28 @@ fn describe_vulkan(report: vulkan::DeviceReport, used: Option<&([u8; 16], String
     }
 }
 
-/// OpenXR's headset where one answers, else the mock one.
-fn presenters(parts: &Parts) -> Vec<Presenter> {
-    let runtime = parts.ask(OPENXR, || Runtime::connect(true));
+/// Whether OpenXR has a headset, and why, or why not.
+#[cfg(feature = "openxr")]
+fn openxr(parts: &Parts) -> (bool, String) {
+    use crate::headset::openxr::Runtime;
+    let runtime = parts.ask(parts::OPENXR, || Runtime::connect(true));
     let used = matches!(runtime, Ok(Ok(_)));
     let reason = match runtime {
         Ok(Ok(runtime)) => format!("{} has a headset", runtime.name()),
         Ok(Err(fault)) => fault.into_error().to_string(),
         Err(error) => error.to_string(),
     };
+    (used, reason)
+}
+
+#[cfg(not(feature = "openxr"))]
+fn openxr(_: &Parts) -> (bool, String) {
+    (false, "this program was built without it; build it with the feature openxr".to_string())
+}
+
+/// OpenXR's headset where one answers, else the mock one.
+fn presenters(parts: &Parts) -> Vec<Presenter> {
+    let (used, reason) = openxr(parts);
     vec![
         Presenter { name: "OpenXR", used, reason },
         Presenter { name: "mock headset", used: !used, reason: "writes pictures; always there".to_string() },

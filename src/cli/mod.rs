@@ -10,9 +10,15 @@ mod mock;
 mod options;
 mod output;
 mod render;
+#[cfg(feature = "openxr")]
 mod run;
 mod scene;
+mod stop;
 pub mod tracker;
+#[cfg(not(feature = "window"))]
+#[path = "windowless.rs"]
+mod window;
+#[cfg(feature = "window")]
 mod window;
 
 use clap::{Parser, Subcommand};
@@ -47,6 +53,7 @@ enum Command {
     /// Render one picture of a scene: .png for a display, .exr for linear radiance.
     Render(render::Args),
     /// Show a scene in the headset of the active OpenXR runtime, such as SteamVR or Monado.
+    #[cfg(feature = "openxr")]
     Run(run::Args),
     /// Render a mock headset's frames along a scripted head and gaze path.
     Mock(mock::Args),
@@ -80,6 +87,7 @@ impl Cli {
     pub fn json(&self) -> bool {
         match &self.command {
             Command::Render(args) => args.options.config.json,
+            #[cfg(feature = "openxr")]
             Command::Run(args) => args.options.config.json,
             Command::Mock(args) => args.options.config.json,
             Command::Measure(args) => args.options.config.json,
@@ -99,6 +107,7 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Render(args) => render::run(&args),
+            #[cfg(feature = "openxr")]
             Command::Run(args) => run::run(&args),
             Command::Mock(args) => mock::run(&args),
             Command::Measure(args) => measure::run(&args),

@@ -144,6 +144,7 @@ pub trait Options {
     ///
     /// # Errors
     /// As [`Options::config_over`].
+    #[cfg(feature = "openxr")]
     fn config_for_display(&self, layers: Layers) -> Result<(Config, Vec<String>)> {
         let mut layers = self.layers(layers)?;
         let notes = keep_up(&mut layers);
@@ -154,6 +155,7 @@ pub trait Options {
     ///
     /// # Errors
     /// As [`Options::config_over`].
+    #[cfg(feature = "openxr")]
     fn given_size(&self) -> Result<[Option<u32>; 2]> {
         let layers = self.layers(Layers::default())?;
         let view = self.finished(&layers)?.view;

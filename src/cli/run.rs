@@ -7,21 +7,19 @@ mod terminal;
 mod watchdog;
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 use super::mock::stereo_defaults;
 use super::options::{Options, RenderOptions, SpeedFlag};
 use super::output;
+use super::stop::stop_signal;
 use crate::config::{Config, Layers, Stereo};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::headset::Fault;
 use crate::headset::openxr::Runtime;
 use crate::scene::Scene;
 
-pub use present::Presentation;
-pub use watchdog::Watchdog;
+use present::Presentation;
+use watchdog::Watchdog;
 
 /// Arguments of `foveate run`.
 #[derive(Debug, clap::Args)]
@@ -48,7 +46,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (config, notes) = args.options.config_for_display(Layers::over(stereo_defaults()))?;
     let config = args.speed.over(config)?;
     Scene::check(&args.scene)?;
-    let stop = stop_signal()?;
+    let stop = stop_signal(last_words)?;
     // Whether there is a headset is known at once, and a scene may take long.
     let watch = Watchdog::start(stop.clone(), args.options.config.json);
     watch.asks();
@@ -80,29 +78,47 @@ pub fn run(args: &Args) -> Result<()> {
     presentation.run(runtime, &watch)
 }
 
+/// What is done before a second Ctrl-C ends the program.
+fn last_words() {
+    watchdog::leave_now();
+    terminal::restore();
+}
+
 /// Whether a headset that has a sharp inset for each eye gets four views: one view cannot serve them all.
-pub fn takes_insets(config: &Config) -> bool {
+fn takes_insets(config: &Config) -> bool {
     config.headset.insets && config.view.stereo == Stereo::PerEye
 }
 
-/// Signals that come so soon after the first are the same wish: some senders signal a program and its group.
-const ONE_WISH: Duration = Duration::from_millis(300);
+/// `foveate demo` in the headset of a runtime that answers, until the wearer or the operator has seen enough; the
+/// reason why there is none otherwise. `config` are the settings for files, `displayed` those for a display.
+pub fn demo(
+    args: &super::demo::Args,
+    [config, displayed]: [&Config; 2],
+    notes: &[String],
+) -> std::result::Result<Result<()>, String> {
+    let runtime = Runtime::connect(takes_insets(config)).map_err(|absent| absent.sentence())?;
+    Ok(in_headset(args, displayed, notes, runtime))
+}
 
-/// Becomes true when the operator wants to leave: Ctrl-C or a signal to end. The second one ends at once.
-pub fn stop_signal() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let asked = stop.clone();
-    let mut first = None;
-    let handler = move || {
-        crate::waiting::leave();
-        let first = *first.get_or_insert_with(Instant::now);
-        if asked.swap(true, Ordering::Relaxed) && first.elapsed() > ONE_WISH {
-            watchdog::leave_now();
-            terminal::restore();
-            std::process::exit(130);
-        }
+fn in_headset(args: &super::demo::Args, config: &Config, notes: &[String], runtime: Runtime) -> Result<()> {
+    let stop = stop_signal(last_words)?;
+    let watch = Watchdog::start(stop.clone(), args.options.config.json);
+    let loaded = super::demo::load(args.scene(), config)?;
+    output::print_warnings(&loaded.warnings);
+    output::print_warnings(notes);
+    let [width, height] = args.options.given_size()?;
+    let presentation = Presentation {
+        config,
+        loaded: &loaded,
+        rest: args.options.view.viewpoint(&loaded.scene, config)?.0,
+        gaze: args.options.look.gaze,
+        fov_y: args.options.view.fov_y(),
+        size: [width.map(|both| both.div_ceil(2)), height],
+        frames: None,
+        quiet: args.options.config.json,
+        log: None,
+        waits: false,
+        stop,
     };
-    ctrlc::set_handler(handler)
-        .map_err(|e| Error::setting("Ctrl-C", format!("it cannot be listened to ({e}); start again")))?;
-    Ok(stop)
+    presentation.run(runtime, &watch)
 }

@@ -4,7 +4,7 @@ mod line;
 mod view;
 
 use super::options::Overrides;
-use super::run::stop_signal;
+use super::stop::stop_signal;
 use crate::config::{Dk1Config, Layers};
 use crate::error::{Error, Result};
 use crate::headset::rift_dk1::device::{RECORDED_AHEAD, Received, Status, Tracker};
@@ -142,7 +142,7 @@ fn read_keepsake(path: &Path) -> Result<Keepsake> {
 /// Follows a tracker.
 fn live(args: &Args, config: &Dk1Config, out: &mut dyn Write) -> Result<()> {
     let mut writer = args.record.as_deref().map(Writer::create).transpose()?;
-    let stop = stop_signal()?;
+    let stop = stop_signal(|| ())?;
     let (sender, received) = channel();
     let listener = Box::new(move |report: &Received| {
         // The other end is gone only when the command is ending.

@@ -11,6 +11,7 @@ use super::demo::{Headset, load};
 use super::machine::Machine;
 use super::mock::fitted;
 use super::output::{self, RenderSummary};
+use super::stop::stop_signal;
 use super::tracker::memory;
 use crate::config::{Config, HeadsetConfig, Stereo, TargetMs};
 use crate::error::{Error, Result};
@@ -66,7 +67,7 @@ impl Show<'_> {
             let problem = "a headset shows two eyes' pictures; choose per-eye or shared";
             return Err(Error::setting("view.stereo", problem));
         }
-        let stop = super::run::stop_signal()?;
+        let stop = stop_signal(|| ())?;
         let tracker = self.headset.map(|_| Tracker::start(memory(&self.config.dk1), None)).transpose()?;
         let panel = Panel::connect()?;
         let options = panel.vulkan_options()?;

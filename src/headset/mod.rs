@@ -11,15 +11,18 @@ mod hidden;
 pub mod locomotion;
 pub mod mock;
 pub mod mouse_look;
+#[cfg(feature = "openxr")]
 pub mod openxr;
 pub mod panel;
 pub mod rift_dk1;
+#[cfg(feature = "window")]
 mod windowed;
 
 pub use deadline::Deadline;
 pub use fault::{Fault, Outcome};
 pub use frame::{Canvas, EyeView, Frame, Gaze, Input, Keys, Next};
 pub use hidden::HiddenMesh;
+#[cfg(feature = "window")]
 pub use windowed::{Eyepiece, Setting, Windowed};
 
 /// What shows frames to eyes whose poses it knows.

@@ -49,7 +49,8 @@ fn other_sizes_that_are_recommended_are_taken_while_the_session_runs() {
     assert_eq!(json!(sizes(&after)), json!([[96, 80], [72, 120]]));
     // The last frames, while the session ends, show nothing.
     let frames = after.frames();
-    let shown = frames.iter().rev().map(|f| &f.0["layers"][0]["views"]).find(|views| views.is_array()).unwrap();
+    let shown =
+        frames.iter().rev().map(|f| &f.0["layers"][0]["views"]).find(|views| views.is_array()).unwrap();
     assert_eq!(shown[1]["rect"], json!([0, 0, 72, 120]), "{shown}");
     // Sizes that were given stay.
     let given = run(&script, 100, "--width 128 --height 48").unwrap();

@@ -95,6 +95,7 @@ pub struct Context(pub(super) Arc<Inner>);
 
 pub(super) struct Inner {
     // The loader stays mapped for as long as its functions are used.
+    #[cfg_attr(not(feature = "window"), allow(dead_code))]
     pub entry: ash::Entry,
     pub instance: ash::Instance,
     pub physical_device: vk::PhysicalDevice,

@@ -45,6 +45,7 @@ impl Context {
     ///
     /// # Errors
     /// As [`Context::await_fence`].
+    #[cfg(any(test, feature = "window"))]
     pub(super) fn await_queue(&self) -> Result<()> {
         let refused = |code| self.refused("waiting for the device", code);
         // SAFETY: the fence is new, and submitted at once; the queue's lock is held. It is destroyed unless the device

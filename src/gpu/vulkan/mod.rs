@@ -11,6 +11,7 @@ mod fence;
 mod image;
 mod memory;
 mod pipeline;
+#[cfg(feature = "window")]
 mod swapchain;
 
 pub use ash::vk::Format;
@@ -21,6 +22,7 @@ pub use context::{
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
 pub use pipeline::{Attachments, ComputePipeline, PassPipeline, Shader};
+#[cfg(feature = "window")]
 pub use swapchain::{Shown, Swapchain, Window, window_extensions};
 
 #[cfg(test)]

@@ -7,6 +7,8 @@
 mod configure;
 mod hid;
 mod keep_alive;
+#[cfg(feature = "dk1")]
+mod system;
 
 #[cfg(test)]
 mod tests;
@@ -18,7 +20,7 @@ use super::fusion::{Fusion, Keepsake, LONGEST_PREDICTION, Update, YawSource};
 use super::report::{DisplayInfo, IN_REPORT_BYTES, ReportError, SensorReport};
 use crate::error::{Error, Result};
 use glam::{DQuat, DVec3};
-use hid::{Bus, Failure, Port, READ_BYTES, SystemBus};
+use hid::{Bus, Failure, Port, READ_BYTES, system_bus};
 use keep_alive::KeepAliveThread;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -177,7 +179,7 @@ impl Tracker {
     /// # Errors
     /// When the system has no thread to give.
     pub fn start(memory: Option<PathBuf>, listener: Option<Listener>) -> Result<Self> {
-        Self::start_on(Box::new(SystemBus::default()), memory, listener, WAITS)
+        Self::start_on(system_bus(), memory, listener, WAITS)
     }
 
     fn start_on(

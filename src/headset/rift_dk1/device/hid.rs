@@ -1,10 +1,7 @@
-//! The tracker as a HID device. The one place that knows hidapi.
+//! What is asked of a tracker as a HID device, and of where such devices are plugged in.
 
 use crate::headset::rift_dk1::report::IN_REPORT_BYTES;
-use hidapi::{DeviceInfo, HidApi, HidDevice, HidError};
 use std::ffi::CString;
-use std::fs::File;
-use std::io::ErrorKind;
 use std::time::Duration;
 
 /// USB vendor and product.
@@ -16,6 +13,7 @@ pub const READ_BYTES: usize = IN_REPORT_BYTES + 2;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Failure {
     /// The user may not open it.
+    #[cfg_attr(not(feature = "dk1"), allow(dead_code))]
     Denied,
     /// Anything else, most often that it was unplugged.
     Other(String),
@@ -40,73 +38,24 @@ pub trait Bus: Send {
 }
 
 /// The machine's HID devices.
-#[derive(Default)]
-pub struct SystemBus {
-    api: Option<HidApi>,
+#[cfg(feature = "dk1")]
+pub fn system_bus() -> Box<dyn Bus> {
+    Box::new(super::system::SystemBus::default())
 }
 
-impl SystemBus {
-    fn api(&mut self) -> Result<&mut HidApi, Failure> {
-        let api = match self.api.take() {
-            Some(api) => api,
-            None => HidApi::new().map_err(other)?,
-        };
-        Ok(self.api.insert(api))
-    }
-}
+/// Without the feature "dk1" there are none.
+#[cfg(not(feature = "dk1"))]
+pub fn system_bus() -> Box<dyn Bus> {
+    struct NoBus;
+    const WHY: &str = "this program was built without the tracker's driver; build it with the feature dk1";
+    impl Bus for NoBus {
+        fn find(&mut self) -> Result<Option<CString>, Failure> {
+            Err(Failure::Other(WHY.to_string()))
+        }
 
-impl Bus for SystemBus {
-    fn find(&mut self) -> Result<Option<CString>, Failure> {
-        let api = self.api()?;
-        api.reset_devices().and_then(|()| api.add_devices(IDS.0, IDS.1)).map_err(other)?;
-        let found = api.device_list().find(|info| is_tracker(info));
-        Ok(found.map(|info| info.path().to_owned()))
-    }
-
-    fn open(&mut self, path: &CString) -> Result<Box<dyn Port>, Failure> {
-        match self.api()?.open_path(path) {
-            Ok(device) => Ok(Box::new(SystemPort(device))),
-            Err(_) if is_denied(path) => Err(Failure::Denied),
-            Err(error) => Err(other(error)),
+        fn open(&mut self, _: &CString) -> Result<Box<dyn Port>, Failure> {
+            Err(Failure::Other(WHY.to_string()))
         }
     }
-}
-
-/// Other makers use the same numbers, so the name counts too. A device made by uhid has no manufacturer
-/// but the product's name.
-fn is_tracker(info: &DeviceInfo) -> bool {
-    let named = |text: Option<&str>, part: &str| text.is_some_and(|text| text.contains(part));
-    let manufacturer = info.manufacturer_string().filter(|text| !text.trim().is_empty());
-    match manufacturer {
-        Some(_) => named(manufacturer, "Oculus"),
-        None => named(info.product_string(), "Tracker DK"),
-    }
-}
-
-/// hidapi's error is only a text: the system is asked for the reason.
-fn is_denied(path: &CString) -> bool {
-    let opened = path.to_str().map(|path| File::options().read(true).write(true).open(path));
-    matches!(opened, Ok(Err(error)) if error.kind() == ErrorKind::PermissionDenied)
-}
-
-fn other(error: HidError) -> Failure {
-    Failure::Other(error.to_string())
-}
-
-struct SystemPort(HidDevice);
-
-impl Port for SystemPort {
-    fn read(&mut self, buffer: &mut [u8; READ_BYTES], wait: Duration) -> Result<usize, Failure> {
-        let wait = i32::try_from(wait.as_millis()).unwrap_or(i32::MAX);
-        self.0.read_timeout(buffer, wait).map_err(other)
-    }
-
-    fn feature(&mut self, buffer: &mut [u8]) -> Result<usize, Failure> {
-        let got = self.0.get_feature_report(buffer).map_err(other)?;
-        Ok(got.min(buffer.len()))
-    }
-
-    fn set_feature(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        self.0.send_feature_report(bytes).map_err(other)
-    }
+    Box::new(NoBus)
 }

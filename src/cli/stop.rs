@@ -1,0 +1,31 @@
+//! The operator's wish to leave: Ctrl-C, or a signal to end.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::error::{Error, Result};
+
+/// Signals that come so soon after the first are the same wish: some senders signal a program and its group.
+const ONE_WISH: Duration = Duration::from_millis(300);
+
+/// Becomes true when the operator wants to leave. The second wish ends the program at once, after `last_words`.
+///
+/// # Errors
+/// Where signals cannot be listened to.
+pub fn stop_signal(last_words: fn()) -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = stop.clone();
+    let mut first = None;
+    let handler = move || {
+        crate::waiting::leave();
+        let first = *first.get_or_insert_with(Instant::now);
+        if asked.swap(true, Ordering::Relaxed) && first.elapsed() > ONE_WISH {
+            last_words();
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(handler)
+        .map_err(|e| Error::setting("Ctrl-C", format!("it cannot be listened to ({e}); start again")))?;
+    Ok(stop)
+}
