@@ -29,10 +29,20 @@ fn of_group() -> Option<u64> {
     })
 }
 
-fn of_addresses() -> Option<u64> {
-    let limits = read_to_string("/proc/self/limits").ok()?;
+/// The limit of this process' address space in bytes, where it is one that drivers can feel: their compilers alone
+/// take hundreds of megabytes.
+pub fn tight_limit() -> Option<u64> {
+    const PLENTY: u64 = 8 << 30;
+    address_limit(&read_to_string("/proc/self/limits").ok()?).filter(|&bytes| bytes < PLENTY)
+}
+
+fn address_limit(limits: &str) -> Option<u64> {
     let line = limits.lines().find(|line| line.starts_with("Max address space"))?;
-    let limit: u64 = line.split_whitespace().nth(3)?.parse().ok()?;
+    line.split_whitespace().nth(3)?.parse().ok()
+}
+
+fn of_addresses() -> Option<u64> {
+    let limit = address_limit(&read_to_string("/proc/self/limits").ok()?)?;
     let used = kilobytes(&read_to_string("/proc/self/status").ok()?, "VmSize:")?;
     Some(limit.saturating_sub(used))
 }
@@ -53,5 +63,18 @@ mod tests {
         assert_eq!(kilobytes("MemTotal: 8 kB\n", "MemAvailable:"), None);
         let bytes = bytes().unwrap();
         assert!((1 << 20..1 << 50).contains(&bytes), "{bytes}");
+    }
+
+    #[test]
+    fn limits_are_read() {
+        let limits = |soft: &str| {
+            address_limit(&format!(
+                "Limit                     Soft Limit           Hard Limit           Units\n\
+                 Max cpu time              unlimited            unlimited            seconds\n\
+                 Max address space         {soft}            unlimited            bytes\n"
+            ))
+        };
+        assert_eq!(limits("614400000"), Some(614_400_000));
+        assert_eq!((limits("unlimited"), address_limit("")), (None, None));
     }
 }

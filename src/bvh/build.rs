@@ -42,10 +42,12 @@ impl WideBvh {
         let done = AtomicUsize::new(0);
         let placed = |count: usize| tell((done.fetch_add(count, Ordering::Relaxed) + count) as f64 / total);
         let root = binary::build(&mut primitives, &placed);
-        let from_above = WideBvh::from_binary(improve::reinserted(root));
         if !has_long_triangles {
-            return from_above;
+            // Gigabytes, for large scenes, which the steps that follow have a use for.
+            drop(primitives);
+            return WideBvh::from_binary(improve::reinserted(root));
         }
+        let from_above = WideBvh::from_binary(improve::reinserted(root));
         let from_below = WideBvh::from_binary(improve::clustered(&primitives));
         if from_below.cost().sum() < from_above.cost().sum() { from_below } else { from_above }
     }

@@ -84,8 +84,10 @@ pub fn clustered(primitives: &[Primitive]) -> Node {
 
 /// The same tree with subtrees moved to where the surface area heuristic likes them better.
 pub fn reinserted(root: Node) -> Node {
-    let mut primitives = Vec::with_capacity(root.count() as usize);
-    let mut nodes = vec![Bvh2Node::default()];
+    let count = root.count() as usize;
+    let mut primitives = Vec::with_capacity(count);
+    let mut nodes = Vec::with_capacity(2 * count);
+    nodes.push(Bvh2Node::default());
     let bounds = root.bounds();
     let largest = bounds.lower.abs().max(bounds.upper.abs()).max_element();
     let scale = scale_of(&[Primitive {

@@ -3,6 +3,7 @@
 use crate::config::DevicesConfig;
 use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Renderer, Step};
+use crate::free_memory;
 use crate::gpu::opencl::{Device, DeviceInfo, device, why_none};
 use crate::gpu::vulkan::{Context, ContextOptions};
 use crate::waiting::{self, Limits};
@@ -32,6 +33,7 @@ impl Machine {
     /// As [`Machine::open`].
     pub fn open_with(config: &DevicesConfig, options: ContextOptions) -> Result<Machine> {
         let wanted = (!config.vulkan.is_empty()).then(|| config.vulkan.clone());
+        note_tight_memory();
         let options = ContextOptions { device: wanted, ..options };
         let opened =
             waiting::ask("Vulkan", "Vulkan's driver", Limits::MOMENTS, move || Context::new(&options));
@@ -79,6 +81,17 @@ impl Machine {
     pub fn describe(&self) -> String {
         let names: Vec<&str> = self.devices.iter().map(|d| d.info().name.as_str()).collect();
         format!("{} (OpenCL), {} (Vulkan)", names.join(" and "), self.context.report().name)
+    }
+}
+
+/// Drivers that find too little memory may end the program without a word, so it is told before.
+fn note_tight_memory() {
+    if let Some(limit) = free_memory::tight_limit() {
+        let limit = limit >> 20;
+        super::complain(&format!(
+            "note: this process may use {limit} MiB of memory, and drivers may end it without a word where that is too \
+             little; raise the limit (ulimit -v)"
+        ));
     }
 }
 

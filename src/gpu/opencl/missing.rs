@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::free_memory;
+
 /// One sentence for the operator, with the next step.
 pub fn why_none() -> String {
     let drivers = drivers();
@@ -9,8 +11,7 @@ pub fn why_none() -> String {
         return "no OpenCL driver is installed; install your GPU's, or PoCL (pocl-opencl-icd) to trace on the CPU".into();
     }
     let drivers = drivers.join(", ");
-    let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
-    match limited(&limits) {
+    match free_memory::tight_limit() {
         Some(limit) => format!(
             "drivers are installed ({drivers}) and none could start with the {} MiB of memory that this process may use; raise the limit (ulimit -v)",
             limit >> 20
@@ -32,31 +33,4 @@ fn drivers() -> Vec<String> {
         .collect();
     names.sort();
     names
-}
-
-/// The limit of a process' address space in bytes, where it is one that drivers can feel: their compilers alone take
-/// hundreds of megabytes.
-fn limited(limits: &str) -> Option<u64> {
-    const PLENTY: u64 = 8 << 30;
-    let line = limits.lines().find(|line| line.starts_with("Max address space"))?;
-    let soft = line.trim_start_matches("Max address space").split_whitespace().next()?;
-    soft.parse().ok().filter(|&bytes| bytes < PLENTY)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_tight_limit_is_seen() {
-        let limits = |soft: &str| {
-            limited(&format!(
-                "Limit                     Soft Limit           Hard Limit           Units\n\
-                 Max cpu time              unlimited            unlimited            seconds\n\
-                 Max address space         {soft}            unlimited            bytes\n"
-            ))
-        };
-        assert_eq!(limits("614400000"), Some(614_400_000));
-        assert_eq!((limits("unlimited"), limits("68719476736"), limited("")), (None, None, None));
-    }
 }

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use ash::vk;
 
 use crate::error::{Error, Result};
+use crate::free_memory;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -344,7 +345,15 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Loaders and drivers without memory fail in any way.
 fn no_device(problem: String) -> Error {
+    let problem = match free_memory::tight_limit() {
+        Some(limit) => format!(
+            "{problem}; this process may use {} MiB of memory, which may be the reason: raise the limit (ulimit -v)",
+            limit >> 20
+        ),
+        None => problem,
+    };
     Error::NoDevice { kind: "Vulkan", problem }
 }
 
