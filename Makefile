@@ -85,6 +85,11 @@ trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few m
 	cargo build --release
 	scripts/measure-trade.sh $(ARGS)
 
+.PHONY: dist
+dist: ## Build a tar.gz and a .deb for other machines into out/dist
+	@$(need_cargo)
+	scripts/dist.sh
+
 .PHONY: test-faults
 test-faults: ## Kill it at each rename, fill disks, take memory away, lose devices and runtimes; ARGS=renames chooses among the first
 	@$(need_cargo)

@@ -8,8 +8,8 @@ use std::process::Command;
 use foveate::config::Layers;
 
 /// Where files that documents name may be, besides the root.
-const FOLDERS: [&str; 10] =
-    ["src", "build", "kernels", "tests", "docs", "benches", "configs", "scripts", "fuzz", ".ci"];
+const FOLDERS: [&str; 11] =
+    ["src", "build", "kernels", "tests", "docs", "benches", "configs", "scripts", "fuzz", "packaging", ".ci"];
 /// Names that end like this are files.
 const ENDINGS: [&str; 8] = [".rs", ".md", ".toml", ".sh", ".cl", ".h", ".wgsl", ".rules"];
 /// What breaks the rule of arrows, as docs/architecture.md admits.
