@@ -56,11 +56,12 @@ static void set_light_ray(const Shading *shading, Sample *sample, uint i, float3
 
 #if HAS_EMITTERS
 // Aims ray i of a stream at an emitter.
-static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, uint i, float choice, uint2 u, TraversalState *w)
+static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, uint i, Descent *descent, float choice,
+                    uint2 u, TraversalState *w)
 {
     const Surface *s = &sample->surface;
     Aim aim;
-    if (!aim_at_emitter(scene, shading, s, w->origin, choice, (float2)(fraction(u.x), fraction(u.y)), &aim))
+    if (!aim_at_emitter(scene, shading, s, w->origin, descent, choice, (float2)(fraction(u.x), fraction(u.y)), &aim))
         return;
     float3 d = aim.direction;
     if (!(dot3(s->normal, d) > 0.0f) || !(dot3(s->geometric, d) > 0.0f))
@@ -83,7 +84,7 @@ static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, 
 // Whether reflected rays look for the nearest surface, instead of any that hides the sky.
 static bool finds_surfaces(const Shading *shading)
 {
-    return shading->bounces > 0u || shading->cached || shading->emitter_share > 0.0f;
+    return shading->bounces > 0u || shading->cached || shading->light_nodes > 0u;
 }
 
 // Below this GGX alpha a surface shows what it reflects.
@@ -100,6 +101,8 @@ static void aim_stream(const Scene *scene, const Shading *shading, Sample *sampl
     sample->smooth = 0;
 #if HAS_EMITTERS
     sample->aimed = 0;
+    Descent descent;
+    descent.depth = 0;
 #endif
     float until_smooth = s->alpha < SMOOTH_ALPHA ? sample->mixture.sun + sample->mixture.environment + sample->mixture.specular : 0.0f;
     for (uint i = 0; i < n; ++i) {
@@ -109,23 +112,23 @@ static void aim_stream(const Scene *scene, const Shading *shading, Sample *sampl
 #if HAS_EMITTERS
         float others = 1.0f - sample->mixture.emitters;
         if (select >= others) {
-            aim_ray(scene, shading, sample, i, min((select - others) / sample->mixture.emitters, 0.9999999f), u, w);
+            aim_ray(scene, shading, sample, i, &descent, min((select - others) / sample->mixture.emitters, 0.9999999f), u, w);
             continue;
         }
 #endif
-        bool reflected;
-        float3 light = sample_mixture(scene, shading, s, &sample->mixture, sample->view, select, u, &reflected);
+        Chosen chosen = sample_mixture(scene, shading, s, &sample->mixture, sample->view, select, u);
+        float3 light = chosen.light;
         float cosine = dot3(s->normal, light);
         if (!(cosine > 0.0f) || !(dot3(s->geometric, light) > 0.0f))
             continue;
         float by_reflection = reflected_density(s, &sample->mixture, sample->view, light);
-        float density = mixture_density(scene, shading, &sample->mixture, by_reflection, light);
+        float density = mixture_density(scene, shading, &sample->mixture, by_reflection, &chosen);
         if (!(density > 0.0f))
             continue;
         set_light_ray(shading, sample, i, light, INFINITY, density, w);
         sample->indirect[i] = density / (by_reflection * looking_share(shading));
         sample->smooth |= (select < until_smooth ? 1u : 0u) << i;
-        if (reflected && finds_surfaces(shading) && is_looking(shading, index, ray, seed))
+        if (chosen.reflected && finds_surfaces(shading) && is_looking(shading, index, ray, seed))
             sample->bounced |= 1u << i;
         else
             sample->straight |= 1u << i;
@@ -262,7 +265,7 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     sample->lit = true;
     sample->view = -d;
     sample->f0 = specular_color(&s);
-    sample->mixture = mixture_at(&s, shading, sample->f0, -d, !shading->guided, true);
+    sample->mixture = mixture_at(scene, &s, shading, sample->f0, -d, !shading->guided, true);
     w->origin = leave_surface(&s);
     w->seed = chance_of(index, camera->seed);
 }

@@ -227,8 +227,10 @@ pub struct Shading {
     pub sun_share: f32,
     /// See `sun_share`.
     pub environment_share: f32,
-    /// Share of the light rays that aim at emitters.
-    pub emitter_share: f32,
+    /// What an open sky without its sun brings to a surface, as luminance.
+    pub environment_irradiance: f32,
+    /// Nodes of the tree over what is aimed at; 0: nothing is.
+    pub light_nodes: u32,
     /// Triangles among the emitters, which come first.
     pub emitters: u32,
     /// The sun: direction towards it.

@@ -4,6 +4,8 @@
 
 #define EMITTER_PUNCTUAL 1u
 #define EMITTER_DOUBLE_SIDED 2u
+// Nodes below the root on any way: see LightTree::new.
+#define LIGHT_TREE_DEPTH 32u
 
 // cos(max(a - b, 0)) and its sine, for angles between 0 and pi.
 static float cos_of_rest(float2 a, float2 b) { return a.x > b.x ? 1.0f : a.x * b.x + a.y * b.y; }
@@ -29,6 +31,17 @@ static float node_importance(__global const LightNode *node, float3 p, float3 n)
     return node->power * leaves * arrives / max(distance2, max(radius2, 1.0e-12f));
 }
 
+// Share of a surface's light rays that are aimed at emitters: by what they may send it, against an open sky.
+static float emitter_share(const Scene *scene, const Shading *shading, const Surface *s)
+{
+    if (shading->light_nodes == 0u)
+        return 0.0f;
+    float emitted = node_importance(scene->light_nodes, s->position, s->normal) / PI;
+    if (!(emitted > 0.0f))
+        return 0.0f;
+    return clamp(0.5f * emitted / (emitted + shading->environment_irradiance), 0.0625f, 0.5f);
+}
+
 // The chance that the first of a node's children is taken; negative where neither sends anything.
 static float first_chance(const Scene *scene, uint node, uint second, float3 p, float3 n)
 {
@@ -36,22 +49,47 @@ static float first_chance(const Scene *scene, uint node, uint second, float3 p, 
     return a + b > 0.0f ? a / (a + b) : -1.0f;
 }
 
+// Nodes from the root to the last emitter that was chosen for a surface. Numbers in [lower, upper) lead to a node, and
+// `chance` is what the node was taken with. Of numbers that are asked for in order, each goes on where its way parts
+// from the last one's, so that nodes are looked at once.
+typedef struct {
+    uint node[LIGHT_TREE_DEPTH];
+    float lower[LIGHT_TREE_DEPTH], upper[LIGHT_TREE_DEPTH], chance[LIGHT_TREE_DEPTH];
+    uint depth;
+} Descent;
+
 // Chooses an emitter for a surface with one number in [0, 1), and tells the chance of that; NONE where none is in sight.
-static uint choose_emitter(const Scene *scene, float3 p, float3 n, float u, float *chance)
+// All that a descent is used for is the same surface; its depth is 0 at first.
+static uint choose_emitter(const Scene *scene, float3 p, float3 n, Descent *way, float u, float *chance)
 {
-    uint node = 0;
-    *chance = 1.0f;
+    uint depth = way->depth;
+    while (depth > 0u && !(u >= way->lower[depth - 1u] && u < way->upper[depth - 1u]))
+        --depth;
+    uint node = depth ? way->node[depth - 1u] : 0u;
+    float lower = depth ? way->lower[depth - 1u] : 0.0f, upper = depth ? way->upper[depth - 1u] : 1.0f;
+    float so_far = depth ? way->chance[depth - 1u] : 1.0f;
     for (;;) {
         uint link = scene->light_nodes[node].link;
+        way->depth = depth;
+        *chance = so_far;
         if (link & LEAF)
             return link & ~LEAF;
         float first = first_chance(scene, node, link, p, n);
         if (first < 0.0f)
             return NONE;
-        bool takes_first = u < first;
+        float border = mix(lower, upper, first);
+        bool takes_first = u < border;
         node = takes_first ? node + 1u : link;
-        *chance *= takes_first ? first : 1.0f - first;
-        u = min(takes_first ? u / first : (u - first) / (1.0f - first), 0.9999999f);
+        so_far *= takes_first ? first : 1.0f - first;
+        lower = takes_first ? lower : border;
+        upper = takes_first ? border : upper;
+        if (depth < LIGHT_TREE_DEPTH) {
+            way->node[depth] = node;
+            way->lower[depth] = lower;
+            way->upper[depth] = upper;
+            way->chance[depth] = so_far;
+            ++depth;
+        }
     }
 }
 
@@ -123,9 +161,10 @@ typedef struct {
 } Aim;
 
 // Aims from a surface, with rays that start at `origin`; false where no light would come.
-static bool aim_at_emitter(const Scene *scene, const Shading *shading, const Surface *s, float3 origin, float choice, float2 u, Aim *aim)
+static bool aim_at_emitter(const Scene *scene, const Shading *shading, const Surface *s, float3 origin, Descent *descent,
+                           float choice, float2 u, Aim *aim)
 {
-    aim->emitter = choose_emitter(scene, s->position, s->normal, choice, &aim->density);
+    aim->emitter = choose_emitter(scene, s->position, s->normal, descent, choice, &aim->density);
     if (aim->emitter == NONE)
         return false;
     __global const Emitter *e = scene->emitters + aim->emitter;

@@ -2,7 +2,7 @@
 
 static float2 environment_uv(float3 d)
 {
-    return (float2)(0.5f + atan2pi(d.x, -d.z) * 0.5f, acospi(clamp(d.y, -1.0f, 1.0f)));
+    return (float2)(0.5f + half_turns(d.x, -d.z) * 0.5f, half_turns(sqrt(fma(d.x, d.x, d.z * d.z)), d.y));
 }
 
 // Bilinear radiance of the map.
@@ -34,9 +34,9 @@ static float environment_density(const Scene *scene, const Shading *shading, flo
     return scene->environment[environment_texel(shading, environment_uv(d))].density;
 }
 
-// A direction with the density stored in the map, uniform over the solid angle inside a texel; `u`
+// A direction with the density stored in the map, uniform over the solid angle inside a texel, and that density; `u`
 // are 32-bit fractions.
-static float3 sample_environment(const Scene *scene, const Shading *shading, uint2 u)
+static float3 sample_environment(const Scene *scene, const Shading *shading, uint2 u, float *density)
 {
     uint width = shading->environment_width, height = shading->environment_height, count = width * height;
     // Of 32 bits a large table leaves few to decide with against thresholds; 8 more come from where the second
@@ -52,12 +52,14 @@ static float3 sample_environment(const Scene *scene, const Shading *shading, uin
         inside = (float)(rest - entry.threshold) / max((float)(0xffffffffu - entry.threshold), 1.0f);
         chosen = entry.alias;
     }
+    *density = scene->environment[chosen].density;
     float x = (float)(chosen % width), y = (float)(chosen / width);
     float phi = (x + min(inside, 0.999999f)) / (float)width * 2.0f - 1.0f;
-    float top = cospi(y / (float)height), bottom = cospi((y + 1.0f) / (float)height);
+    float top = cos_sin_pi(y / (float)height).x, bottom = cos_sin_pi((y + 1.0f) / (float)height).x;
     float cosine = mix(top, bottom, fraction(u.y));
     float sine = sqrt(max(1.0f - cosine * cosine, 0.0f));
-    return (float3)(sine * sinpi(phi), cosine, -sine * cospi(phi));
+    float2 across = cos_sin_pi(phi);
+    return (float3)(sine * across.y, cosine, -sine * across.x);
 }
 
 #if HAS_SUN

@@ -12,12 +12,16 @@ typedef struct {
 
 // `sunlit`: the sun's light is looked for here; guided reconstruction adds it at each pixel instead. `aimed`: some of
 // the rays are aimed at emitters.
-static Mixture mixture_at(const Surface *s, const Shading *shading, float3 f0, float3 view, bool sunlit, bool aimed)
+static Mixture mixture_at(const Scene *scene, const Surface *s, const Shading *shading, float3 f0, float3 view, bool sunlit, bool aimed)
 {
     Mixture m;
     m.sun = sunlit ? shading->sun_share : 0.0f;
     m.environment = shading->environment_share;
-    m.emitters = aimed ? shading->emitter_share : 0.0f;
+    m.emitters = 0.0f;
+#if HAS_EMITTERS
+    if (aimed)
+        m.emitters = emitter_share(scene, shading, s);
+#endif
 #if HAS_SUN
     // A sun wholly below the horizon gets no rays.
     if (dot3(s->normal, load3(shading->sun_direction)) < -sqrt(2.0f * shading->sun_one_minus_cos))
@@ -35,13 +39,23 @@ static float reflected_density(const Surface *s, const Mixture *m, float3 view, 
     return m->specular * specular_density(s, view, light) + m->diffuse * diffuse_density(s, light);
 }
 
+// A direction of a mixture, and what is known of its density by the way it was found.
+typedef struct {
+    float3 light;
+    // Whether it follows the surface's reflection.
+    bool reflected;
+    // The density with which the map is followed there; negative where that is not known.
+    float environment;
+} Chosen;
+
 // Density of the directions in which distant light is looked for; `reflected` is that of those that follow the
 // reflection.
-static float mixture_density(const Scene *scene, const Shading *shading, const Mixture *m, float reflected, float3 light)
+static float mixture_density(const Scene *scene, const Shading *shading, const Mixture *m, float reflected, const Chosen *chosen)
 {
     float density = reflected;
+    float3 light = chosen->light;
     if (m->environment > 0.0f)
-        density += m->environment * environment_density(scene, shading, light);
+        density += m->environment * (chosen->environment >= 0.0f ? chosen->environment : environment_density(scene, shading, light));
 #if HAS_SUN
     if (m->sun > 0.0f && inside_sun(shading, light))
         density += m->sun * sun_density(shading);
@@ -50,21 +64,25 @@ static float mixture_density(const Scene *scene, const Shading *shading, const M
 }
 
 // A direction of the mixture without its emitters: `select` in [0, 1 - m.emitters) chooses the technique.
-static float3 sample_mixture(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 view,
-                             float select, uint2 u, bool *reflected)
+static Chosen sample_mixture(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 view,
+                             float select, uint2 u)
 {
     float2 f = (float2)(fraction(u.x), fraction(u.y));
-    *reflected = false;
+    Chosen chosen = {0.0f, false, -1.0f};
 #if HAS_SUN
-    if (select < m->sun)
-        return sample_sun(shading, f);
+    if (select < m->sun) {
+        chosen.light = sample_sun(shading, f);
+        return chosen;
+    }
 #endif
-    if (select < m->sun + m->environment)
-        return sample_environment(scene, shading, u);
-    *reflected = true;
-    if (select < m->sun + m->environment + m->specular)
-        return sample_specular(s, view, f);
-    return sample_diffuse(s, f);
+    if (select < m->sun + m->environment) {
+        chosen.light = sample_environment(scene, shading, u, &chosen.environment);
+        return chosen;
+    }
+    chosen.reflected = true;
+    bool specular = select < m->sun + m->environment + m->specular;
+    chosen.light = specular ? sample_specular(s, view, f) : sample_diffuse(s, f);
+    return chosen;
 }
 
 // Environment light from direction d: the map dimmed by baked occlusion, the sun not.
@@ -107,7 +125,9 @@ static uint add_emitter(const Scene *scene, const Shading *shading, const Surfac
     float3 origin = leave_surface(s);
     float2 u = (float2)(fraction(hash(seed + 5u)), fraction(hash(seed + 6u)));
     Aim aim;
-    if (!(shading->emitter_share > 0.0f) || !aim_at_emitter(scene, shading, s, origin, fraction(hash(seed + 7u)), u, &aim))
+    Descent descent;
+    descent.depth = 0;
+    if (shading->light_nodes == 0u || !aim_at_emitter(scene, shading, s, origin, &descent, fraction(hash(seed + 7u)), u, &aim))
         return 0;
     float3 d = aim.direction;
     if (dot3(s->geometric, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
@@ -122,7 +142,8 @@ static uint add_emitter(const Scene *scene, const Shading *shading, const Surfac
     float density = aim.density;
     if (!aim.is_punctual) {
         light = emitted_by(scene, scene->emitters[aim.emitter].place, origin, d, t, seed);
-        density += mixture_density(scene, shading, m, reflected_density(s, m, view, d), d);
+        Chosen chosen = {d, false, -1.0f};
+        density += mixture_density(scene, shading, m, reflected_density(s, m, view, d), &chosen);
     }
     sum->diffuse += r.diffuse * light / density;
     sum->specular += r.specular * light / density;
@@ -163,7 +184,8 @@ static uint add_sun(const Scene *scene, const Shading *shading, const Surface *s
     if (trace_ray(scene, leave_surface(s), 0.0f, d, &t, &triangle, ANY, seed))
         return 1;
     Reflection r = reflection(s, f0, view, d);
-    float density = sun_density(shading) + mixture_density(scene, shading, m, reflected_density(s, m, view, d), d);
+    Chosen chosen = {d, false, -1.0f};
+    float density = sun_density(shading) + mixture_density(scene, shading, m, reflected_density(s, m, view, d), &chosen);
     sum->diffuse += r.diffuse * load3(shading->sun_radiance) / density;
     sum->specular += r.specular * load3(shading->sun_radiance) / density;
     return 1;
@@ -188,7 +210,7 @@ __attribute__((noinline)) static void take_step(const Scene *scene, const Shadin
     float3 f0 = specular_color(s), base = diffuse_color(s), origin = leave_surface(s);
     Reflection lit = {0.0f, 0.0f};
     *rays += add_punctual(scene, shading, s, f0, view, seed, &lit);
-    Mixture m = mixture_at(s, shading, f0, view, false, false);
+    Mixture m = mixture_at(scene, s, shading, f0, view, false, false);
 #if HAS_SUN
     *rays += add_sun(scene, shading, s, &m, f0, view, seed, &lit);
 #endif
@@ -198,9 +220,9 @@ __attribute__((noinline)) static void take_step(const Scene *scene, const Shadin
     step->direct = base * lit.diffuse + specular_scale(f0) * lit.specular;
     step->goes_on = false;
     uint2 u = (uint2)(hash(seed + 1u), hash(seed + 2u));
-    bool reflected;
-    float3 light = sample_mixture(scene, shading, s, &m, view, fraction(hash(seed + 3u)), u, &reflected);
-    float density = mixture_density(scene, shading, &m, reflected_density(s, &m, view, light), light);
+    Chosen chosen = sample_mixture(scene, shading, s, &m, view, fraction(hash(seed + 3u)), u);
+    float3 light = chosen.light;
+    float density = mixture_density(scene, shading, &m, reflected_density(s, &m, view, light), &chosen);
     Reflection r = reflection(s, f0, view, light);
     if (!(density > 0.0f) || dot3(s->geometric, light) <= 0.0f)
         return;

@@ -44,7 +44,8 @@ typedef struct {
     uint environment_height;
     float sun_share;
     float environment_share;
-    float emitter_share;
+    float environment_irradiance;
+    uint light_nodes;
     uint emitters;
     float sun_direction[3];
     float sun_radiance[3];

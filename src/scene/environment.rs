@@ -124,6 +124,17 @@ impl Environment {
         top.lerp(bottom, fy)
     }
 
+    /// Luminance of the irradiance that a surface has from the map, averaged over the ways it may face.
+    pub fn irradiance(&self) -> f32 {
+        let row = |y: u32| {
+            let first = (y * self.width) as usize;
+            let texels = &self.texels[first..first + self.width as usize];
+            texels.iter().map(|&texel| luminance(texel)).sum::<f64>() * self.texel_solid_angle(y)
+        };
+        // pi times the mean radiance, which is a sum over 4 pi steradians.
+        ((0..self.height).map(row).sum::<f64>() / 4.0) as f32
+    }
+
     /// Solid angle in steradians of each texel of row `y`, exactly.
     pub fn texel_solid_angle(&self, y: u32) -> f64 {
         let edge = |row: u32| (std::f64::consts::PI * f64::from(row) / f64::from(self.height)).cos();
@@ -190,6 +201,12 @@ mod tests {
         let map = Environment { width: 32, height: 16, texels: vec![Vec3::ONE; 512], sun: None };
         let total: f64 = (0..16).map(|y| 32.0 * map.texel_solid_angle(y)).sum();
         assert!((total - 4.0 * std::f64::consts::PI).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_constant_map_lights_surfaces_by_pi_times_its_radiance() {
+        let map = Environment::constant(Vec3::splat(0.7));
+        assert!((map.irradiance() - 0.7 * PI).abs() < 1e-5, "{}", map.irradiance());
     }
 
     #[test]

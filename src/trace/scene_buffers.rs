@@ -92,8 +92,6 @@ pub struct BufferBytes {
 /// Share of the light rays that aim at the sun, and at the environment map.
 const SUN_SHARE: f32 = 0.125;
 const ENVIRONMENT_SHARE: f32 = 0.375;
-/// The same for emitters.
-const EMITTER_SHARE: f32 = 0.25;
 
 impl SceneData {
     /// What a texel of the environment map takes of a device's memory, with its entry of the alias table.
@@ -549,7 +547,8 @@ fn shading(
         emitters: packed.map_or(0, |packed| packed.triangles),
         lit_lower: lit[0].to_array(),
         lit_upper: lit[1].to_array(),
-        emitter_share: if packed.is_some() { EMITTER_SHARE } else { 0.0 },
+        environment_irradiance: environment.irradiance(),
+        light_nodes: packed.map_or(0, |packed| packed.nodes.len() as u32),
         environment_width: environment.width,
         environment_height: environment.height,
         environment_share: if directions.table.is_empty() { 0.0 } else { ENVIRONMENT_SHARE },
