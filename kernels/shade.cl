@@ -33,15 +33,15 @@ static uint chance_of(uint sample, uint seed) { return hash(sample ^ hash(seed +
 
 // Of the reflected rays this part looks for surfaces that the cache knows, and the others for the sky alone: what surfaces
 // send differs less from one direction to the next, and nearest hits cost more.
-#define LOOKING 0.375f
+#define LOOKING 0.25f
 
 static float looking_share(const Shading *shading) { return shading->cached ? LOOKING : 1.0f; }
 
-// Whether a ray is one of them: rows of four neighbours, whose points are stratified, three of eight rows, and others for the
+// Whether a ray is one of them: rows of four neighbours, whose points are stratified, one of four rows, and others for the
 // next sample.
 static bool is_looking(const Shading *shading, uint sample, uint ray, uint seed)
 {
-    return !shading->cached || ((ray / 4u + sample + hash(seed)) & 7u) < 3u;
+    return !shading->cached || ((ray / 4u + sample + hash(seed)) & 3u) == 0u;
 }
 
 // Sets ray i of a stream, whose light counts by 1 / (density * rays).

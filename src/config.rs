@@ -540,6 +540,9 @@ impl Layers {
                 "no key has so many dots; configs/default.toml lists every key",
             ));
         }
+        if let Some((_, now)) = RENAMED.iter().find(|(old, _)| *old == key) {
+            return Err(Error::setting(key, format!("it is called {now} now")));
+        }
         let nested = key
             .rsplit('.')
             .fold(value.into(), |inner, part| Value::Table(Table::from_iter([(part.to_string(), inner)])));
@@ -605,6 +608,10 @@ impl Layers {
         self.table.clone().try_into().map_err(|e: toml::de::Error| refused("configuration", &e))
     }
 }
+
+/// Keys of earlier versions, and what they are called now.
+const RENAMED: [(&str, &str); 1] =
+    [("trace.walk", "trace.traversal, with the values \"auto\", \"packet\" and \"single-ray\"")];
 
 /// Parts of a key at most.
 const MAX_DEPTH: usize = 8;
@@ -760,6 +767,18 @@ mod tests {
         let text = std::fs::read_to_string(path).unwrap();
         let table: Table = text.parse().unwrap();
         assert_eq!(table, Table::try_from(Config::default()).unwrap());
+    }
+
+    #[test]
+    fn old_keys_are_answered_by_the_new_ones() {
+        for (old, _) in RENAMED {
+            let told = Layers::default().assign(&format!("{old}=alone")).unwrap_err().to_string();
+            assert!(told.contains(old) && told.contains("trace.traversal"), "{told}");
+            assert!(!Layers::default().gives(old));
+        }
+        let mut layers = Layers::default();
+        layers.assign("trace.traversal=single-ray").unwrap();
+        assert_eq!(layers.finish().unwrap().trace.traversal, TraversalConfig::SingleRay);
     }
 
     #[test]

@@ -222,6 +222,10 @@ pub struct Shading {
     pub environment_width: u32,
     /// Environment texels down.
     pub environment_height: u32,
+    /// Cells of the table of directions across.
+    pub directions_width: u32,
+    /// Cells of the table of directions down.
+    pub directions_height: u32,
     /// Shares of the light rays that aim at the sun and at the environment map; the rest follow the
     /// surface's reflection.
     pub sun_share: f32,
@@ -350,20 +354,22 @@ pub struct Light {
     pub cos_outer: f32,
 }
 
-/// An environment texel: its radiance and the density of sampling it, per solid angle.
+/// An environment texel.
 pub struct EnvironmentTexel {
     /// Linear radiance.
     pub radiance: [f32; 3],
-    /// Density per steradian of choosing this texel's directions.
-    pub density: f32,
 }
 
-/// An entry of the environment's alias table.
-pub struct Alias {
-    /// The texel itself is taken below this 32-bit fraction.
+/// A cell of the table of directions, with its entry of the alias table.
+pub struct DirectionCell {
+    /// The cell itself is taken below this 32-bit fraction.
     pub threshold: u32,
     /// Else this one.
     pub alias: u32,
+    /// Density per steradian of choosing this cell's directions.
+    pub density: f32,
+    /// That of the other cell, which is then not read.
+    pub alias_density: f32,
 }
 
 /// Something to aim at.

@@ -79,16 +79,25 @@ static uint claim_cell(const Cache *cache, uint2 key)
 
 static bool is_split(__global const CacheCell *cell) { return cell->samples < 0.0f; }
 
+// How far a cell has grown, 0 to 1, and the radiance that it knows.
+static float grown_cell(const Cache *cache, uint cell, float3 *radiance)
+{
+    float grown = cell == NONE ? 0.0f : min(cache->cells[cell].samples / CACHE_GROWN, 1.0f);
+    *radiance = grown > 0.0f ? gload3(cache->cells[cell].radiance) : 0.0f;
+    return grown;
+}
+
 // Radiance that leaves a surface at p on the side of unit n towards something at a distance of t. Surroundings stand in for
 // young cells, and for all that is so far away that it is blurred: a bright spot is then found more often, and is as much
 // dimmer. Tells how far what is used has grown, 0 to 1; negative where walls part even the smallest cell.
 static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, float3 *radiance)
 {
     int level = cell_level(cache, p), wide = level + CACHE_COARSER;
-    uint coarse = find_cell(cache, cell_key(cell_place(p, n, wide), n, wide));
-    float around = coarse == NONE ? 0.0f : min(cache->cells[coarse].samples / CACHE_GROWN, 1.0f);
-    *radiance = around > 0.0f ? gload3(cache->cells[coarse].radiance) : 0.0f;
-    if (around >= 1.0f && t > CACHE_BLURRED * ldexp(1.0f, wide))
+    uint2 coarse = cell_key(cell_place(p, n, wide), n, wide);
+    // Each look at a cell waits for memory: most need one.
+    bool is_far = t > CACHE_BLURRED * ldexp(1.0f, wide);
+    float around = is_far ? grown_cell(cache, find_cell(cache, coarse), radiance) : 0.0f;
+    if (around >= 1.0f)
         return 1.0f;
     uint cell;
     for (int halving = 0;; ++halving) {
@@ -98,9 +107,13 @@ static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, fl
         if (halving == CACHE_HALVINGS)
             return -1.0f;
     }
-    float grown = cell == NONE ? 0.0f : min(cache->cells[cell].samples / CACHE_GROWN, 1.0f);
-    if (grown > 0.0f)
-        *radiance = mix(*radiance, gload3(cache->cells[cell].radiance), around > 0.0f ? grown : 1.0f);
+    float3 own, surroundings;
+    float grown = grown_cell(cache, cell, &own);
+    if (grown < 1.0f) {
+        around = grown_cell(cache, find_cell(cache, coarse), &surroundings);
+        own = grown > 0.0f ? (around > 0.0f ? mix(surroundings, own, grown) : own) : surroundings;
+    }
+    *radiance = own;
     return grown;
 }
 

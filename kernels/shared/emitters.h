@@ -39,7 +39,7 @@ static float emitter_share(const Scene *scene, const Shading *shading, const Sur
     float emitted = node_importance(scene->light_nodes, s->position, s->normal) / PI;
     if (!(emitted > 0.0f))
         return 0.0f;
-    return clamp(0.5f * emitted / (emitted + shading->environment_irradiance), 0.0625f, 0.5f);
+    return clamp(0.5f * emitted / (emitted + shading->environment_irradiance), 0.03125f, 0.5f);
 }
 
 // The chance that the first of a node's children is taken; negative where neither sends anything.

@@ -21,38 +21,39 @@ static float3 environment_radiance(const Scene *scene, const Shading *shading, f
     return mix(mix(a, b, f.x), mix(c, d1, f.x), f.y);
 }
 
-static uint environment_texel(const Shading *shading, float2 uv)
+// The cell of the table of directions at some coordinates of the map.
+static uint direction_cell(const Shading *shading, float2 uv)
 {
-    uint x = min((uint)(uv.x * (float)shading->environment_width), shading->environment_width - 1u);
-    uint y = min((uint)(uv.y * (float)shading->environment_height), shading->environment_height - 1u);
-    return y * shading->environment_width + x;
+    uint x = min((uint)(uv.x * (float)shading->directions_width), shading->directions_width - 1u);
+    uint y = min((uint)(uv.y * (float)shading->directions_height), shading->directions_height - 1u);
+    return y * shading->directions_width + x;
 }
 
 // Density per steradian with which sample_environment chooses d.
 static float environment_density(const Scene *scene, const Shading *shading, float3 d)
 {
-    return scene->environment[environment_texel(shading, environment_uv(d))].density;
+    return scene->direction_cells[direction_cell(shading, environment_uv(d))].density;
 }
 
-// A direction with the density stored in the map, uniform over the solid angle inside a texel, and that density; `u`
+// A direction with the density stored in the table, uniform over the solid angle inside a cell, and that density; `u`
 // are 32-bit fractions.
 static float3 sample_environment(const Scene *scene, const Shading *shading, uint2 u, float *density)
 {
-    uint width = shading->environment_width, height = shading->environment_height, count = width * height;
+    uint width = shading->directions_width, height = shading->directions_height, count = width * height;
     // Of 32 bits a large table leaves few to decide with against thresholds; 8 more come from where the second
     // number has them to spare.
     ulong place = (ulong)u.x * count + mul_hi(u.y << 24, count);
     uint chosen = (uint)(place >> 32), rest = (uint)place;
-    Alias entry = scene->alias[chosen];
-    // What is left of the first fraction, spread out again, places the direction inside the texel.
+    DirectionCell cell = scene->direction_cells[chosen];
+    *density = rest < cell.threshold ? cell.density : cell.alias_density;
+    // What is left of the first fraction, spread out again, places the direction inside the cell.
     float inside;
-    if (rest < entry.threshold) {
-        inside = (float)rest / (float)entry.threshold;
+    if (rest < cell.threshold) {
+        inside = (float)rest / (float)cell.threshold;
     } else {
-        inside = (float)(rest - entry.threshold) / max((float)(0xffffffffu - entry.threshold), 1.0f);
-        chosen = entry.alias;
+        inside = (float)(rest - cell.threshold) / max((float)(0xffffffffu - cell.threshold), 1.0f);
+        chosen = cell.alias;
     }
-    *density = scene->environment[chosen].density;
     float x = (float)(chosen % width), y = (float)(chosen / width);
     float phi = (x + min(inside, 0.999999f)) / (float)width * 2.0f - 1.0f;
     float top = cos_sin_pi(y / (float)height).x, bottom = cos_sin_pi((y + 1.0f) / (float)height).x;

@@ -22,7 +22,7 @@ typedef struct {
     __global const float *srgb; // linear values of the 256 sRGB codes
     __global const Light *lights;
     __global const EnvironmentTexel *environment;
-    __global const Alias *alias;
+    __global const DirectionCell *direction_cells;
     __global const Emitter *emitters; // triangles first, sorted by their places
     __global const LightNode *light_nodes;
 } Scene;
@@ -33,13 +33,13 @@ typedef struct {
         __global const float2 *uv1, __global const half *colors, __global const Material *materials, \
         __global const TextureInfo *textures, __global const uint *texels, __global const float *srgb, \
         __global const Light *lights, \
-        __global const EnvironmentTexel *environment, __global const Alias *alias, \
+        __global const EnvironmentTexel *environment, __global const DirectionCell *direction_cells, \
         __global const Emitter *emitters, __global const LightNode *light_nodes
 
 #define SCENE_ARGUMENTS                                                                              \
     {                                                                                                \
         nodes, leaves, triangles, normals, tangents, uv0, uv1, colors, materials, textures, texels,  \
-            srgb, lights, environment, alias, emitters, light_nodes                                                               \
+            srgb, lights, environment, direction_cells, emitters, light_nodes                                                               \
     }
 
 #define TRIANGLE_MATERIAL(packed) ((packed) & 0xfffffu)

@@ -42,6 +42,8 @@ typedef struct {
     uint lights;
     uint environment_width;
     uint environment_height;
+    uint directions_width;
+    uint directions_height;
     float sun_share;
     float environment_share;
     float environment_irradiance;
@@ -111,13 +113,14 @@ typedef struct {
 
 typedef struct {
     float radiance[3];
-    float density;
 } EnvironmentTexel;
 
 typedef struct {
     uint threshold;
     uint alias;
-} Alias;
+    float density;
+    float alias_density;
+} DirectionCell;
 
 typedef struct {
     float corner[3];

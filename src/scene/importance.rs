@@ -77,25 +77,28 @@ impl AliasTable {
     }
 }
 
-/// Draws directions towards an environment's light.
+/// Draws directions towards an environment's light, by cells of one or more texels.
 ///
 /// A texel's weight is the luminance of the bilinear picture, averaged over the texel (3/4 of itself and
 /// 1/8 of each neighbour, along both axes), times its solid angle. So wherever the bilinear picture is
 /// brighter than 0, the density is too, and estimators have no bias. [`DirectionTable::UNIFORM_SHARE`] of
 /// the probability is spread evenly over all texels that are not black, which keeps dim texels far
-/// above the resolution of a 24-bit random number. Inside a texel directions are uniform over the
+/// above the resolution of a 24-bit random number. Inside a cell directions are uniform over the
 /// solid angle. The sun is not part of it.
+///
+/// Cells are as large as [`DirectionTable::EXCESS`] allows: each light ray reads one at random, and a table that fits
+/// a processor's nearest cache is read several times as fast.
 ///
 /// The table of a black map is empty, and its density is 0 everywhere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DirectionTable {
-    /// Texels across.
+    /// Cells across.
     pub width: u32,
-    /// Texels down.
+    /// Cells down.
     pub height: u32,
-    /// Draws a texel; empty for a black map.
+    /// Draws a cell; empty for a black map.
     pub table: AliasTable,
-    /// For each texel the density of directions in it, per steradian: `weight / sum of weights /
+    /// For each cell the density of directions in it, per steradian: `weight / sum of weights /
     /// solid angle`.
     pub densities: Vec<f32>,
 }
@@ -104,30 +107,34 @@ impl DirectionTable {
     /// The part of the probability that is spread evenly.
     pub const UNIFORM_SHARE: f64 = 1.0 / 1024.0;
 
+    /// What larger cells may add to the variance of one sample's estimate of all light, relative to its square.
+    pub const EXCESS: f64 = 0.03;
+
+    /// Cells across that are never joined further.
+    const LEAST_WIDTH: usize = 64;
+
     /// Builds the table in linear time.
     pub fn new(environment: &Environment) -> Self {
-        let solid_angles: Vec<f64> =
-            (0..environment.height).map(|y| environment.texel_solid_angle(y)).collect();
-        let width = environment.width as usize;
-        let mut weights = averages(environment);
-        for (row, solid_angle) in weights.chunks_exact_mut(width).zip(&solid_angles) {
-            row.iter_mut().for_each(|weight| *weight *= solid_angle);
-        }
-        let floor = weights.iter().sum::<f64>() * Self::UNIFORM_SHARE / (4.0 * PI);
-        for (row, solid_angle) in weights.chunks_exact_mut(width).zip(&solid_angles) {
-            row.iter_mut().filter(|w| **w > 0.0).for_each(|weight| *weight += floor * solid_angle);
-        }
-        let sum: f64 = weights.iter().sum();
-        let density = |(i, &weight): (usize, &f64)| match sum > 0.0 {
-            true => (weight / sum / solid_angles[i / width]) as f32,
-            false => 0.0,
+        let (width, height) = (environment.width as usize, environment.height as usize);
+        let rows: Vec<f64> = (0..environment.height).map(|y| environment.texel_solid_angle(y)).collect();
+        let mut light = averages(environment);
+        let lit = light.chunks_exact(width).zip(&rows).map(|(row, angle)| row.iter().sum::<f64>() * angle);
+        let floor = lit.sum::<f64>() * Self::UNIFORM_SHARE / (4.0 * PI);
+        light.iter_mut().filter(|l| **l > 0.0).for_each(|l| *l += floor);
+        let weigh = |power: i32| -> Vec<f64> {
+            let rows = light.chunks_exact(width).zip(&rows);
+            rows.flat_map(|(row, angle)| row.iter().map(move |l| l.powi(power) * angle)).collect()
         };
-        DirectionTable {
-            width: environment.width,
-            height: environment.height,
-            densities: weights.iter().enumerate().map(density).collect(),
-            table: AliasTable::new(&weights),
+        let mut cells = Cells { width, height, weights: weigh(1), squares: weigh(2), angles: rows.clone() };
+        let most = cells.weights.iter().sum::<f64>().powi(2) * (1.0 + Self::EXCESS);
+        while cells.can_be_joined() {
+            let joined = cells.joined();
+            if joined.second_moment() > most {
+                break;
+            }
+            cells = joined;
         }
+        cells.table()
     }
 
     /// Draws a unit direction and its density per steradian: `bits` uniform over all u32, `xi` uniform in
@@ -145,6 +152,62 @@ impl DirectionTable {
         let sin_theta = (1.0 - cos_theta * cos_theta).max(0.0).sqrt();
         let direction = glam::DVec3::new(sin_theta * phi.sin(), cos_theta, -sin_theta * phi.cos());
         Some((direction.as_vec3(), self.densities[texel]))
+    }
+}
+
+/// Cells of a map: what a [`DirectionTable`] draws from.
+struct Cells {
+    width: usize,
+    height: usize,
+    /// Integrals of the light and of its square over each cell.
+    weights: Vec<f64>,
+    squares: Vec<f64>,
+    /// The solid angle of each row's cells.
+    angles: Vec<f64>,
+}
+
+impl Cells {
+    fn can_be_joined(&self) -> bool {
+        self.width >= 2 * DirectionTable::LEAST_WIDTH && self.width.is_multiple_of(2) && self.height.is_multiple_of(2)
+    }
+
+    /// Four cells in one.
+    fn joined(&self) -> Cells {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let sums = |of: &[f64]| -> Vec<f64> {
+            let four = |x: usize, y: usize| {
+                let at = 2 * y * self.width + 2 * x;
+                of[at] + of[at + 1] + of[at + self.width] + of[at + self.width + 1]
+            };
+            (0..width * height).map(|i| four(i % width, i / width)).collect()
+        };
+        let angles = self.angles.chunks_exact(2).map(|pair| 2.0 * (pair[0] + pair[1])).collect();
+        Cells { width, height, weights: sums(&self.weights), squares: sums(&self.squares), angles }
+    }
+
+    /// The mean square of one sample's estimate of all light.
+    fn second_moment(&self) -> f64 {
+        let sum: f64 = self.weights.iter().sum();
+        let rows = self.weights.chunks_exact(self.width).zip(self.squares.chunks_exact(self.width));
+        let row = |((weights, squares), angle): ((&[f64], &[f64]), &f64)| {
+            let cells = weights.iter().zip(squares).filter(|(w, _)| **w > 0.0);
+            cells.map(|(w, s)| s * angle * sum / w).sum::<f64>()
+        };
+        rows.zip(&self.angles).map(row).sum()
+    }
+
+    fn table(&self) -> DirectionTable {
+        let sum: f64 = self.weights.iter().sum();
+        let density = |(i, &weight): (usize, &f64)| match sum > 0.0 {
+            true => (weight / sum / self.angles[i / self.width]) as f32,
+            false => 0.0,
+        };
+        DirectionTable {
+            width: self.width as u32,
+            height: self.height as u32,
+            densities: self.weights.iter().enumerate().map(density).collect(),
+            table: AliasTable::new(&self.weights),
+        }
     }
 }
 
@@ -311,6 +374,33 @@ mod tests {
         }
         // Four standard errors: a level of 6e-5.
         assert!((mean - truth).abs() < 4.0 * error + 1e-4 * truth, "{mean} {truth} {error}");
+    }
+
+    /// The variance of one sample's estimate of all light, relative to its square.
+    fn excess(table: &DirectionTable, environment: &Environment) -> f64 {
+        let (light, scale) = (averages(environment), (environment.width / table.width) as usize);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for (i, l) in light.iter().enumerate() {
+            let (x, y) = (i % environment.width as usize, i / environment.width as usize);
+            let angle = environment.texel_solid_angle(y as u32);
+            let density = table.densities[y / scale * table.width as usize + x / scale];
+            sum += l * angle;
+            squares += l * l * angle / f64::from(density);
+        }
+        squares / (sum * sum) - 1.0
+    }
+
+    #[test]
+    fn smooth_maps_have_few_cells_and_small_lamps_their_own() {
+        let smooth = map(512, 256, |x, y| 2.0 + (x as f32 / 512.0 * 6.2832).sin() + y as f32 / 256.0);
+        let table = DirectionTable::new(&smooth);
+        assert_eq!((table.width, table.height), (64, 32));
+        assert!((0.0..DirectionTable::EXCESS).contains(&excess(&table, &smooth)), "{}", excess(&table, &smooth));
+        let mut lamp = smooth.clone();
+        lamp.texels[100 * 512 + 300] = Vec3::splat(1e5);
+        let table = DirectionTable::new(&lamp);
+        assert_eq!((table.width, table.height), (512, 256));
+        assert!(excess(&table, &lamp) < DirectionTable::EXCESS, "{}", excess(&table, &lamp));
     }
 
     #[test]

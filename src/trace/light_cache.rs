@@ -6,8 +6,13 @@ use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading
 
 use super::{SceneBuffers, TracePattern, Traversal};
 
-/// Paths that bring light to the cache in each frame of a view: fewer learn a new view too slowly, however small it is.
+/// Paths that bring light to the cache in each frame of a view while it is new: fewer learn a view too slowly, however
+/// small it is.
 const PATHS: u32 = 3072;
+/// The same later, when most of what is seen is known.
+const LATER_PATHS: u32 = 1536;
+/// Frames of views after which a cache is no longer new.
+const NEW: u64 = 48;
 /// After so many frames what a path has brought counts half as much.
 const HALF_LIFE: f32 = 64.0;
 /// The same where things move: light that has changed is forgotten sooner, at the price of more noise.
@@ -90,6 +95,7 @@ impl LightCache {
         };
         let memory = self.memory.insert(memory);
         self.info.frame = step as u32;
+        self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
         memory.counters.write(&[0, 0])?;
         let (info, group) = (Arg::value(&self.info), self.traversal.group());
         let args = [info, Arg::buffer(&memory.keys), Arg::buffer(&memory.cells)];
@@ -107,7 +113,7 @@ impl LightCache {
             Arg::buffer(&memory.touched),
             Arg::buffer(&memory.counters),
         ]);
-        let light = self.light_cells.launch(&args, PATHS as usize, group)?;
+        let light = self.light_cells.launch(&args, self.info.paths as usize, group)?;
         let (sums, touched) = (Arg::buffer(&memory.sums), Arg::buffer(&memory.touched));
         let args = [info, Arg::buffer(&memory.cells), sums, touched, Arg::buffer(&memory.counters)];
         let settle = self.settle_cells.launch(&args, SETTLERS, group)?;

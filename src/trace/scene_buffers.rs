@@ -15,7 +15,7 @@ use crate::bvh::wide::LeafSlot;
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
 use crate::layout::{self, pack_normal};
-use crate::scene::importance::DirectionTable;
+use crate::scene::importance::{AliasEntry, DirectionTable};
 use crate::scene::{
     AlphaMode, Environment, Features, Layers, LightKind, Scene, TextureRef, emitters, texture::Wrap,
 };
@@ -46,7 +46,7 @@ pub struct SceneData {
     srgb: Option<Vec<f32>>,
     lights: Option<Vec<layout::Light>>,
     environment: Vec<layout::EnvironmentTexel>,
-    alias: Vec<layout::Alias>,
+    directions: Vec<layout::DirectionCell>,
     emitters: Option<PackedEmitters>,
     shading: layout::Shading,
     cache: layout::CacheInfo,
@@ -71,7 +71,7 @@ pub struct SceneBuffers {
     srgb: Option<Buffer<f32>>,
     lights: Option<Buffer<layout::Light>>,
     environment: Buffer<layout::EnvironmentTexel>,
-    alias: Buffer<layout::Alias>,
+    directions: Buffer<layout::DirectionCell>,
     emitters: Option<Buffer<layout::Emitter>>,
     light_nodes: Option<Buffer<layout::LightNode>>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
@@ -94,9 +94,9 @@ const SUN_SHARE: f32 = 0.125;
 const ENVIRONMENT_SHARE: f32 = 0.375;
 
 impl SceneData {
-    /// What a texel of the environment map takes of a device's memory, with its entry of the alias table.
+    /// What a texel of the environment map takes of a device's memory, with a cell of the table of directions.
     pub const ENVIRONMENT_TEXEL_BYTES: u64 =
-        (size_of::<layout::EnvironmentTexel>() + size_of::<layout::Alias>()) as u64;
+        (size_of::<layout::EnvironmentTexel>() + size_of::<layout::DirectionCell>()) as u64;
 
     /// Packs a scene.
     ///
@@ -139,8 +139,8 @@ impl SceneData {
             texels: features.textures.then_some(texels),
             srgb: features.textures.then(srgb_codes),
             lights: (!scene.lights.is_empty()).then(|| pack_lights(&scene.lights, &lights_in_order(scene))),
-            environment: pack_environment(environment, &directions),
-            alias: pack_alias(&directions),
+            environment: pack_environment(environment),
+            directions: pack_directions(&directions),
             shading: shading(scene, environment, &directions, packed.as_ref()),
             emitters: packed,
             cache: cache_info(scene, environment),
@@ -181,7 +181,7 @@ impl SceneData {
             may("sRGB codes", &self.srgb),
             may("lights", &self.lights),
             of("environment", &self.environment),
-            of("alias", &self.alias),
+            of("directions", &self.directions),
         ]
         .into_iter()
         .chain(emitters)
@@ -285,7 +285,7 @@ impl SceneBuffers {
             srgb: may(device, &data.srgb)?,
             lights: may(device, &data.lights)?,
             environment: Buffer::from_slice(device, &data.environment)?,
-            alias: Buffer::from_slice(device, &data.alias)?,
+            directions: Buffer::from_slice(device, &data.directions)?,
             emitters: (data.emitters.as_ref().map(|e| Buffer::from_slice(device, &e.list))).transpose()?,
             light_nodes: (data.emitters.as_ref().map(|e| Buffer::from_slice(device, &e.nodes)))
                 .transpose()?,
@@ -317,7 +317,7 @@ impl SceneBuffers {
             Arg::optional(&self.srgb),
             Arg::optional(&self.lights),
             Arg::buffer(&self.environment),
-            Arg::buffer(&self.alias),
+            Arg::buffer(&self.directions),
             Arg::optional(&self.emitters),
             Arg::optional(&self.light_nodes),
         ]
@@ -495,21 +495,19 @@ pub(super) fn pack_lights(lights: &[crate::scene::Light], order: &[usize]) -> Ve
     order.iter().map(|&index| pack(&lights[index])).collect()
 }
 
-fn pack_environment(environment: &Environment, directions: &DirectionTable) -> Vec<layout::EnvironmentTexel> {
-    let pack = |(radiance, &density): (&glam::Vec3, &f32)| layout::EnvironmentTexel {
-        radiance: radiance.to_array(),
-        density,
-    };
-    environment.texels.iter().zip(&directions.densities).map(pack).collect()
+fn pack_environment(environment: &Environment) -> Vec<layout::EnvironmentTexel> {
+    environment.texels.iter().map(|texel| layout::EnvironmentTexel { radiance: texel.to_array() }).collect()
 }
 
-fn pack_alias(directions: &DirectionTable) -> Vec<layout::Alias> {
+fn pack_directions(directions: &DirectionTable) -> Vec<layout::DirectionCell> {
     // Thresholds as 32-bit fractions; 1.0 saturates, and an entry that keeps itself is its own alias.
-    let pack = |entry: &crate::scene::importance::AliasEntry| layout::Alias {
+    let pack = |(entry, &density): (&AliasEntry, &f32)| layout::DirectionCell {
         threshold: (f64::from(entry.threshold) * 4_294_967_296.0) as u32,
         alias: entry.alias,
+        density,
+        alias_density: directions.densities[entry.alias as usize],
     };
-    directions.table.entries.iter().map(pack).collect()
+    directions.table.entries.iter().zip(&directions.densities).map(pack).collect()
 }
 
 /// The scale of the scene and of its light.
@@ -551,6 +549,8 @@ fn shading(
         light_nodes: packed.map_or(0, |packed| packed.nodes.len() as u32),
         environment_width: environment.width,
         environment_height: environment.height,
+        directions_width: directions.width,
+        directions_height: directions.height,
         environment_share: if directions.table.is_empty() { 0.0 } else { ENVIRONMENT_SHARE },
         ..Default::default()
     };

@@ -55,7 +55,7 @@ __kernel void stage_environment(SCENE_PARAMETERS, Shading shading, __global cons
 }
 
 // own[i] counts how many of the numbers that choose entry first + i of the alias table stay there, or next to it,
-// where rounding of the direction has put them. Numbers' low 8 bits are tried in turn.
+// where rounding of the direction has put them, with the entry's density. Numbers' low 8 bits are tried in turn.
 __kernel void stage_alias(SCENE_PARAMETERS, Shading shading, uint first, uint count, uint per_entry, __global uint *own)
 {
     Scene scene = SCENE_ARGUMENTS;
@@ -65,8 +65,10 @@ __kernel void stage_alias(SCENE_PARAMETERS, Shading shading, uint first, uint co
     uint sum = 0u;
     for (uint k = 0; k < per_entry * 256u; ++k) {
         uint2 u = (uint2)((first + i) * per_entry + k / 256u, (0x80000000u + (hash(k) >> 4 & ~255u)) | (k & 255u));
-        int texel = (int)environment_texel(&shading, environment_uv(sample_environment(&scene, &shading, u)));
-        sum += abs(texel - (int)(first + i)) <= 1u ? 1u : 0u;
+        float density;
+        int cell = (int)direction_cell(&shading, environment_uv(sample_environment(&scene, &shading, u, &density)));
+        bool is_own = abs(cell - (int)(first + i)) <= 1u && (cell != (int)(first + i) || density == scene.direction_cells[cell].density);
+        sum += is_own ? 1u : 0u;
     }
     own[i] = sum;
 }
