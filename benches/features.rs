@@ -43,6 +43,7 @@ fn variants() -> Vec<(&'static str, Features)> {
         ("emitters", Features { emitters: true, ..none }),
         ("layers", Features { layers: true, ..none }),
         ("glass", Features { glass: true, alpha: true, ..none }),
+        ("glossy", Features { glossy: true, ..none }),
         (
             "all of them",
             Features {
@@ -54,6 +55,7 @@ fn variants() -> Vec<(&'static str, Features)> {
                 emitters: true,
                 layers: true,
                 glass: true,
+                glossy: true,
             },
         ),
     ]

@@ -55,7 +55,7 @@ struct History {
     padding: vec2<f32>,
 }
 
-// This frame's SampleRecords, two words of four for each, and where they are.
+// This frame's SampleRecords, three words of four for each, and where they are.
 @group(0) @binding(0) var<storage, read> fresh: array<vec4<u32>>;
 @group(0) @binding(1) var<storage, read> positions: array<u32>;
 // [neighbour][sample]: indices, nearest first.
@@ -165,8 +165,8 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
     var sun_sum = 0.0;
     for (var slot = pixel_of(source, at); slot < source.size.z * pixels; slot += pixels) {
         let index = last_indices[slot];
-        let first = last_records[2u * index];
-        let second = last_records[2u * index + 1u];
+        let first = last_records[3u * index];
+        let second = last_records[3u * index + 1u];
         let packed = last_positions[index];
         let agree = agreement(source, point, packed, first, second);
         let weight = agree * by_distance(packed, at);
@@ -223,8 +223,8 @@ fn look_across(point: Point) -> Shared {
     var agreed = 0.0;
     for (var slot = pixel_of(source, at); slot < source.size.z * pixels; slot += pixels) {
         let index = other_indices[slot];
-        let first = other_fresh[2u * index];
-        let second = other_fresh[2u * index + 1u];
+        let first = other_fresh[3u * index];
+        let second = other_fresh[3u * index + 1u];
         let packed = other_positions[index];
         let agree = agreement(source, point, packed, first, second);
         let weight = agree * by_distance(packed, at);
@@ -251,8 +251,8 @@ fn brightness_around(index: u32, point: Point) -> f32 {
     var weights = 0.0;
     for (var j = 0u; j < parameters.neighbours; j++) {
         let other = nearest[j * parameters.count + index];
-        let first = fresh[2u * other];
-        let second = fresh[2u * other + 1u];
+        let first = fresh[3u * other];
+        let second = fresh[3u * other + 1u];
         let packed = positions[other];
         let there = point_at(parameters.rays, f32(packed & 0xffffu), f32(packed >> 16u), bitcast<f32>(first.w));
         let exponent = normal_exponent(point.normal, unpack_normal24(second.w), parameters.normal_power)
@@ -261,7 +261,7 @@ fn brightness_around(index: u32, point: Point) -> f32 {
         sum += select(0.0, weight * brightness(first, second), weight > 0.0);
         weights += weight;
     }
-    return select(brightness(fresh[2u * index], fresh[2u * index + 1u]), sum / weights, weights > 0.0);
+    return select(brightness(fresh[3u * index], fresh[3u * index + 1u]), sum / weights, weights > 0.0);
 }
 
 // The means of brightness with one more value; where they tell that light has changed, all estimates begin anew.
@@ -291,10 +291,12 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= parameters.count {
         return;
     }
-    let first = fresh[2u * id.x];
-    let second = fresh[2u * id.x + 1u];
-    records[2u * id.x] = first;
-    records[2u * id.x + 1u] = second;
+    let first = fresh[3u * id.x];
+    let second = fresh[3u * id.x + 1u];
+    records[3u * id.x] = first;
+    records[3u * id.x + 1u] = second;
+    // What the pixel expects to mirror, and where light comes from, are this frame's.
+    records[3u * id.x + 2u] = fresh[3u * id.x + 2u];
     histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, vec2(0.0));
     if !is_usable(first, second) {
         return;
@@ -329,7 +331,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let specular = mix(found.second, gloss, min((1.0 + lent_specular) / specular_age, 1.0));
     let sun = select(own_sun, mix(history.sun, own_sun, 1.0 / diffuse_age), history.sun >= 0.0);
     let sun_byte = u32(round(sun * 127.0)) << 1u | sun_centre;
-    records[2u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), first.w);
-    records[2u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
+    records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), first.w);
+    records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
     histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, sun, vec2(0.0));
 }

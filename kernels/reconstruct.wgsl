@@ -33,6 +33,8 @@ struct Parameters {
     nearest_depth: f32,
     // Half the sun's angular radius: how far normals lie apart that mirror its centre and its rim.
     sun_radius: f32,
+    // As in filter.wgsl.
+    least_expected: f32,
 }
 var<immediate> parameters: Parameters;
 
@@ -122,7 +124,7 @@ fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     var radiance = vec3(0.0);
     var sum = 0.0;
     for (var slot = pixel; slot < parameters.neighbours * pixels; slot += pixels) {
-        let packed = prepared[indices[slot] - parameters.first_sample].xy;
+        let packed = prepared[2u * (indices[slot] - parameters.first_sample)].xy;
         let weight = select(weights[slot], 0.0, packed.y == NO_RADIANCE);
         radiance += weight * unpack_radiance(packed);
         sum += weight;
@@ -135,6 +137,8 @@ struct Light {
     first: vec3<f32>,
     second: vec3<f32>,
     sum: f32,
+    // The weights of samples that expect a reflection as the pixel does.
+    second_sum: f32,
     // The part of the sum that samples of the pixel's own surface have.
     own: f32,
     // What of the sun those samples see that are on the pixel's side of a shadow's edge, and their sum.
@@ -150,6 +154,10 @@ struct Surface {
     pixel_width: f32,
     // 1 where the sun's centre is seen.
     sun_centre: u32,
+    // The normal with its map.
+    mapped: vec3<f32>,
+    // Whether it expects a reflection.
+    expects: bool,
 }
 
 // Without a sample on the pixel's own surface, alike normals decide, and then distance alone: their
@@ -167,7 +175,7 @@ const STRIDE = 6u;
 
 // Adds a sample; `by_distance` is its weight by distance.
 fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f32, relaxed: f32) {
-    let sample = prepared[index];
+    let sample = prepared[2u * index];
     let packed = positions[index];
     let depth = bitcast<f32>(sample.z);
     let point = point_at(parameters.rays, f32(packed & 0xffffu), f32(packed >> 16u), depth);
@@ -186,9 +194,15 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
         valid,
     );
     let weight = by_distance * (own + other);
-    (*light).first += weight * unpack_emission(sample.x);
-    (*light).second += weight * unpack_emission(sample.y);
+    var share = vec3(1.0);
+    if (sample.z & DIRECTED) != 0u {
+        share = directional_shares(prepared[2u * index + 1u].xyz, surface.mapped);
+    }
+    (*light).first += weight * share * unpack_emission(sample.x);
     (*light).sum += weight;
+    let second_weight = select(0.0, weight, ((sample.z & EXPECTS) != 0u) == surface.expects);
+    (*light).second += second_weight * unpack_emission(sample.y);
+    (*light).second_sum += second_weight;
     (*light).own += by_distance * own;
     let sun_weight = select(0.0, by_distance * own, (sample.w >> 24u & 1u) == surface.sun_centre);
     (*light).sun += sun_weight * f32(sample.w >> 25u) / 127.0;
@@ -201,7 +215,7 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
 // where squares are added.
 fn sunlight(record: VisibilityRecord, visible: f32, surface: Surface, diffuse: vec3<f32>, f0: vec3<f32>) -> vec3<f32> {
     let towards = vec3(parameters.rays.corner.w, parameters.rays.across.w, parameters.rays.down.w);
-    let normal = unpack_normal24(record.mapped);
+    let normal = surface.mapped;
     let cosine = dot(normal, towards);
     if visible * cosine <= 0.0 {
         return vec3(0.0);
@@ -286,6 +300,18 @@ fn place_in_band(at: vec2<u32>) -> u32 {
     return (at.y - parameters.first_row) * parameters.width + at.x;
 }
 
+// Specular light over F0. Where the pixel expects some, `second` is by what the samples' expectations are to be multiplied,
+// so that it is right wherever they are all hidden, or lit, alike; what is added before dividing and taken off after it
+// lets light that none of them expects be added instead. Without such samples (`known`), expectation is all there is.
+fn mirrored(record: VisibilityRecord, second: vec3<f32>, known: bool) -> vec3<f32> {
+    if record.reflected == 0u {
+        return second;
+    }
+    let expected = unpack_emission(record.reflected);
+    let least = vec3(parameters.least_expected);
+    return select(expected, max((expected + least) * second - least, vec3(0.0)), known);
+}
+
 // `thorough`: whether more samples are looked at where few are on the pixel's surface; a neighbour's share at an edge
 // shows no difference.
 fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, thorough: bool) -> vec3<f32> {
@@ -298,8 +324,16 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, thorough: bool) -> v
     }
     let place = vec2<f32>(at);
     let point = point_at(parameters.rays, place.x, place.y, depth);
-    let surface = Surface(place, unpack_normal24(record.normal), point, parameters.pixel_width * depth, record.normal >> 31u);
-    var light = Light(vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+    let surface = Surface(
+        place,
+        unpack_normal24(record.normal),
+        point,
+        parameters.pixel_width * depth,
+        record.normal >> 31u,
+        unpack_normal24(record.mapped),
+        record.reflected != 0u,
+    );
+    var light = Light(vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0, 0.0);
     for (var slot = pixel; slot < parameters.neighbours * pixels; slot += pixels) {
         add(&light, surface, indices[slot] - parameters.first_sample, weights[slot], 0.0);
     }
@@ -314,12 +348,13 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, thorough: bool) -> v
             add(&light, surface, index, needed / (1.0 + dot(off, off)), SHARE_OF_NORMAL);
         }
     }
-    let scale = select(0.0, 1.0 / light.sum, light.sum > 0.0);
+    let first = select(vec3(0.0), light.first / light.sum, light.sum > 0.0);
+    let second = select(first, light.second / light.second_sum, light.second_sum > 0.0);
     let base = base_of(record);
     let metalness = metalness_of(record);
     let specular = max(mix(vec3(0.04), base, metalness), vec3(LEAST_F0));
     let diffuse = base * (1.0 - metalness);
     let visible = select(f32(surface.sun_centre), light.sun / light.sun_sum, light.sun_sum > 0.02);
-    let reflected = diffuse * light.first + specular * light.second;
-    return reflected * scale + sunlight(record, visible, surface, diffuse, specular) + emission;
+    let reflected = diffuse * first + specular * mirrored(record, second, light.second_sum > 0.0);
+    return reflected + sunlight(record, visible, surface, diffuse, specular) + emission;
 }

@@ -26,6 +26,13 @@ typedef struct {
     // Rays that are aimed at emitters, and the triangles that these are; NONE where their light is in the weights.
     uint aimed, targets[32];
 #endif
+#if HAS_NORMAL_MAPS
+    // Whether the surface has a normal map; then what the rays' light counts without the surface, and the sums of their
+    // directions and of 1, weighted by what they bring of red, green and blue.
+    bool mapped;
+    float plain[32];
+    float4 toward[3];
+#endif
 } Sample;
 
 // Seed of what is left to chance on a sample's rays: two samples may send rays in one direction.
@@ -51,6 +58,9 @@ static void set_light_ray(const Shading *shading, Sample *sample, uint i, float3
     float scale = 1.0f / (density * (float)shading->rays);
     sample->weights[i].diffuse = r.diffuse * scale;
     sample->weights[i].specular = r.specular * scale;
+#if HAS_NORMAL_MAPS
+    sample->plain[i] = scale;
+#endif
     set_ray(&w->rays, i, light, t_max);
 }
 
@@ -74,6 +84,9 @@ static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, 
     if (aim.is_punctual) {
         sample->weights[i].diffuse *= aim.light;
         sample->weights[i].specular *= aim.light;
+#if HAS_NORMAL_MAPS
+        sample->plain[i] *= luminance(aim.light);
+#endif
     } else {
         sample->targets[i] = scene->emitters[aim.emitter].place;
     }
@@ -119,8 +132,16 @@ static void aim_stream(const Scene *scene, const Shading *shading, Sample *sampl
         Chosen chosen = sample_mixture(scene, shading, s, &sample->mixture, sample->view, select, u);
         float3 light = chosen.light;
         float cosine = dot3(s->normal, light);
-        if (!(cosine > 0.0f) || !(dot3(s->geometric, light) > 0.0f))
+        if (!(dot3(s->geometric, light) > 0.0f))
             continue;
+#if HAS_NORMAL_MAPS
+        // Neighbours' normals may face what this one does not.
+        if (!(cosine > 0.0f) && !(sample->mapped && shading->guided))
+            continue;
+#else
+        if (!(cosine > 0.0f))
+            continue;
+#endif
         float by_reflection = reflected_density(s, &sample->mixture, sample->view, light);
         float density = mixture_density(scene, shading, &sample->mixture, by_reflection, &chosen);
         if (!(density > 0.0f))
@@ -211,6 +232,14 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
             light = distant_light(scene, shading, d, sample->surface.occlusion, !shading->guided);
         sample->sum.diffuse += sample->weights[i].diffuse * light;
         sample->sum.specular += sample->weights[i].specular * light;
+#if HAS_NORMAL_MAPS
+        if (sample->mapped) {
+            float3 brought = light * sample->plain[i];
+            sample->toward[0] += (float4)(d, 1.0f) * brought.x;
+            sample->toward[1] += (float4)(d, 1.0f) * brought.y;
+            sample->toward[2] += (float4)(d, 1.0f) * brought.z;
+        }
+#endif
     }
     return rays;
 }
@@ -249,6 +278,11 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
 #endif
     sample->depth = 0.0f;
     sample->normal = 0;
+#if HAS_NORMAL_MAPS
+    sample->mapped = false;
+    for (uint i = 0; i < 3u; ++i)
+        sample->toward[i] = 0.0f;
+#endif
     w->mask = 0;
     if (!IS_HIT(hit.triangle)) {
         if (!shading->guided)
@@ -262,6 +296,10 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     sample->normal = pack_normal24(s.smooth);
     if (s.unlit)
         return;
+#if HAS_NORMAL_MAPS
+    uint material = TRIANGLE_MATERIAL(scene->triangles[hit.triangle].packed);
+    sample->mapped = scene->materials[material].textures[2].texture != NONE;
+#endif
     sample->lit = true;
     sample->view = -d;
     sample->f0 = specular_color(&s);
@@ -304,12 +342,33 @@ static uint add_glass_light(const Scene *scene, const Shading *shading, const Ca
 }
 #endif
 
+#if HAS_NORMAL_MAPS
+// Takes the mapped normal's shares out of a sample's diffuse light, and packs where light comes from: see SampleRecord.
+static void divide_direction_out(Sample *sample, uint packed[3])
+{
+    float shares[3];
+    for (uint i = 0; i < 3u; ++i) {
+        float4 sum = sample->toward[i];
+        float3 toward = sum.w > 0.0f ? sum.xyz / sum.w : (float3)(0.0f);
+        packed[i] = pack_toward(all_finite(toward) ? toward : (float3)(0.0f));
+        shares[i] = directional_share(unpack_toward(packed[i]), sample->surface.normal);
+    }
+    sample->sum.diffuse /= (float3)(shares[0], shares[1], shares[2]);
+    packed[0] |= IS_MAPPED;
+}
+#endif
+
 // What becomes of a sample; false where its estimate is not finite, which is marked by a depth of -1.
-static bool end_sample(const Shading *shading, const Sample *sample, __global SampleRecord *record)
+static bool end_sample(const Shading *shading, Sample *sample, uint reflected, __global SampleRecord *record)
 {
     float3 first = sample->radiance, second = 0.0f;
     float depth = sample->depth;
+    uint toward[3] = {0u, 0u, 0u};
     if (shading->guided) {
+#if HAS_NORMAL_MAPS
+        if (sample->mapped)
+            divide_direction_out(sample, toward);
+#endif
         Reflection light = without_colors(&sample->surface, sample->f0, sample->sum);
         first = light.diffuse;
         second = light.specular;
@@ -322,7 +381,8 @@ static bool end_sample(const Shading *shading, const Sample *sample, __global Sa
         second = 0.0f;
         depth = -1.0f;
     }
-    SampleRecord whole = {{first.x, first.y, first.z}, depth, {second.x, second.y, second.z}, sample->normal};
+    SampleRecord whole = {{first.x, first.y, first.z}, depth, {second.x, second.y, second.z}, sample->normal, reflected,
+                          {toward[0], toward[1], toward[2]}};
     *record = whole;
     return is_finite;
 }
@@ -386,7 +446,12 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         if (sample->lit)
             rays += add_glass_light(&scene, &shading, &cache, sample, camera.seed);
 #endif
-        lost += end_sample(&shading, sample, &records[sample->index]) ? 0u : 1u;
+        uint at = samples[sample->index], reflected = 0u;
+#if HAS_GLOSSY
+        if (shading.guided)
+            reflected = visibility[(at >> 16) * camera.width + (at & 0xffffu)].reflected;
+#endif
+        lost += end_sample(&shading, sample, reflected, &records[sample->index]) ? 0u : 1u;
     }
     if (rays)
         atomic_add(&counters[0], rays);

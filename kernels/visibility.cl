@@ -2,7 +2,7 @@
 
 static VisibilityRecord describe_background(const Scene *scene, const Shading *shading, float3 d)
 {
-    VisibilityRecord record = {0u, 0.0f, 0u, 0u, pack_emission(background(scene, shading, d)), 0u};
+    VisibilityRecord record = {0u, 0.0f, 0u, 0u, pack_emission(background(scene, shading, d)), 0u, 0u};
     return record;
 }
 
@@ -62,10 +62,80 @@ static uint8 pack_emissions(Vectors emission)
     return packed.vector;
 }
 
+#if HAS_GLOSSY
+// What a mirror shows of a surface that it meets, about: the sky's light on it and the sun's. Asked where samples look for what surfaces send.
+static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, uint seed,
+                             uint *rays)
+{
+    Surface s = surface_at(scene, place, origin, 0.0f, d, 0.01f * t);
+    if (s.unlit)
+        return s.emission;
+    float3 light = glossy_radiance(scene, shading, s.normal, 1.0f) * s.occlusion;
+#if HAS_SUN
+    float3 sun = load3(shading->sun_direction);
+    float cosine = dot3(s.normal, sun), far = INFINITY;
+    uint other;
+    if (cosine > 0.0f && dot3(s.geometric, sun) > 0.0f) {
+        ++*rays;
+        if (!trace_ray(scene, leave_surface(&s), 0.0f, sun, &far, &other, ANY, seed))
+            light += load3(shading->sun_radiance) * (2.0f * shading->sun_one_minus_cos * cosine);
+    }
+#endif
+    float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
+    return s.emission + diffuse_color(&s) * light +
+           specular_scale(f0) * expected_reflection(scene, shading, s.normal, s.geometric, -d, r, s.roughness, f0);
+}
+
+// What a pixel expects to mirror, from `origin` on a surface: see glossy.h.
+static float3 expected_at(const Scene *scene, const Shading *shading, float3 origin, float3 n, float3 g, float3 d, float roughness,
+                          float3 f0, float occlusion, uint seed, uint *rays)
+{
+    float3 r = mirrored(n, -d, roughness);
+    float3 light = expected_reflection(scene, shading, n, g, -d, r, roughness, f0) * occlusion;
+    if (!is_mirror(n, -d, roughness, f0) || dot3(r, g) <= 0.0f)
+        return light;
+    float t = INFINITY;
+    uint place;
+    ++*rays;
+    if (shading->bounces == 0u && !shading->cached)
+        return trace_ray(scene, origin, 0.0f, r, &t, &place, ANY, seed) ? 0.0f : light;
+    if (!trace_ray(scene, origin, 0.0f, r, &t, &place, CLOSEST_FRONT, seed))
+        return light;
+    float2 white = white_reflection(roughness, max(dot3(n, -d), 1.0e-4f));
+    return seen_in_mirror(scene, shading, origin, r, place, t, seed, rays) * (f0 * white.x + white.y) / specular_scale(f0);
+}
+
+// The same for the pixels of a group, packed.
+static uint8 expected_of_group(const Scene *scene, const Shading *shading, const Facet *f, const Group *g, Vectors normals,
+                               Vectors base, float8 metallic, float8 roughness, uint seed, uint *rays)
+{
+    Vectors at = mix_vectors(f->corners[0], f->corners[1], f->corners[2], g->weights);
+    Lanes x = {at.x}, y = {at.y}, z = {at.z}, nx = {normals.x}, ny = {normals.y}, nz = {normals.z};
+    Lanes dx = {g->d.x}, dy = {g->d.y}, dz = {g->d.z}, red = {base.x}, green = {base.y}, blue = {base.z};
+    Lanes metal = {clamp(metallic, 0.0f, 1.0f)}, rough = {clamp(roughness, 0.0f, 1.0f)};
+    Lanes open = {(float8)1.0f};
+#if HAS_TEXTURES
+    __global const Material *material = f->material;
+    if (material->textures[3].texture != NONE)
+        open.vector = mix((float8)1.0f, lookups(scene, &material->textures[3], &g->at, false).x, (float8)material->occlusion_strength);
+#endif
+    Words packed = {(uint8)0u};
+    for (uint i = 0; i < g->places.count; ++i) {
+        float3 d = (float3)(dx.lane[i], dy.lane[i], dz.lane[i]), n = (float3)(nx.lane[i], ny.lane[i], nz.lane[i]);
+        float3 front = dot3(f->geometric, d) > 0.0f ? -f->geometric : f->geometric;
+        float3 f0 = mix((float3)(0.04f), (float3)(red.lane[i], green.lane[i], blue.lane[i]), metal.lane[i]);
+        float3 origin = (float3)(x.lane[i], y.lane[i], z.lane[i]) + front * f->offset;
+        float3 light = expected_at(scene, shading, origin, n, front, d, rough.lane[i], f0, open.lane[i], seed, rays);
+        packed.lane[i] = max(pack_emission(light), 1u);
+    }
+    return packed.vector;
+}
+#endif
+
 // Normals are those of vertices, without normal maps, as in SampleRecord: they tell surfaces apart. Those with the
 // map stand beside them.
-static void describe_group(const Scene *scene, const Camera *camera, const Facet *f, const Group *g, uint left, uint top,
-                           ulong lit, __global VisibilityRecord *records)
+static void describe_group(const Scene *scene, const Camera *camera, const Shading *shading, const Facet *f, const Group *g, uint left,
+                           uint top, ulong lit, __global VisibilityRecord *records, uint *rays)
 {
     __global const Material *material = f->material;
     Vectors base = bases_of(scene, f, g);
@@ -91,18 +161,26 @@ static void describe_group(const Scene *scene, const Camera *camera, const Facet
     colors.vector = pack_bases(base);
     surface.vector = pack_surfaces(base, metallic, roughness);
     Vectors smooth = units_or(mix_vectors(f->normals[0], f->normals[1], f->normals[2], g->weights), f->geometric);
-    normal.vector = pack_normals24(face_viewers(smooth, g->d, f->geometric));
+    Vectors bent = face_viewers(smooth, g->d, f->geometric);
+    normal.vector = pack_normals24(bent);
     map = normal;
 #if HAS_NORMAL_MAPS && HAS_TEXTURES
-    if (material->textures[2].texture != NONE)
-        map.vector = pack_normals24(face_viewers(mapped_normals(scene, f, g, smooth), g->d, f->geometric));
+    if (material->textures[2].texture != NONE) {
+        bent = face_viewers(mapped_normals(scene, f, g, smooth), g->d, f->geometric);
+        map.vector = pack_normals24(bent);
+    }
+#endif
+    Words reflected = {(uint8)0u};
+#if HAS_GLOSSY
+    if (material->glossy && scene->glossy)
+        reflected.vector = expected_of_group(scene, shading, f, g, bent, base, metallic, roughness, camera->seed, rays);
 #endif
     Lanes depth = {-dots_with(g->d, load3(camera->rotation[2])) * g->t};
     for (uint i = 0; i < g->places.count; ++i) {
         uint place = g->places.place[i];
         bool in_sun = (lit >> place & 1ul) != 0ul;
         VisibilityRecord record = {normal.lane[i] | (in_sun ? SUN_VISIBLE : 0u), depth.lane[i], colors.lane[i],
-                                   surface.lane[i], emission.lane[i], map.lane[i]};
+                                   surface.lane[i], emission.lane[i], map.lane[i], reflected.lane[i]};
         records[(top + place / BLOCK) * camera->width + left + place % BLOCK] = record;
     }
 }
@@ -167,7 +245,7 @@ static void describe_layered(const Scene *scene, const Camera *camera, const Sha
 #endif
 
 // A work-item takes 8 by 8 pixels: most see few triangles, each of which is prepared once, and eight pixels that
-// see it are described at a time. counters[0] sums the rays to the sun.
+// see it are described at a time. counters[0] sums the rays to the sun and to what pixels mirror.
 __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
                               uint count, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {
@@ -182,11 +260,14 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
 #if HAS_SUN
     lit = pixels_in_sun(&scene, &camera, load3(shading.sun_direction), &groups, &counters[0]);
 #endif
+    uint rays = 0u;
     for (uint i = 0; i < groups.count; ++i)
-        describe_group(&scene, &camera, &groups.facets[groups.group[i].facet], &groups.group[i], left, top, lit, records);
+        describe_group(&scene, &camera, &shading, &groups.facets[groups.group[i].facet], &groups.group[i], left, top, lit, records, &rays);
 #if HAS_LAYERS || HAS_GLASS
     describe_layered(&scene, &camera, &shading, hits, left, top, columns, lines, records);
 #endif
+    if (rays)
+        atomic_add(&counters[0], rays);
     for (; background; background &= background - 1ul) {
         uint i = lowest_bit64(background), x = left + i % BLOCK, y = top + i / BLOCK;
         records[y * camera.width + x] = describe_background(&scene, &shading, camera_ray(&camera, x, y));

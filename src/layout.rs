@@ -81,7 +81,7 @@ macro_rules! shared_structs {
 }
 
 /// Constants that kernels share.
-fn constants() -> [(&'static str, u32); 21] {
+fn constants() -> [(&'static str, u32); 22] {
     [
         ("LEAF", crate::bvh::wide::LEAF),
         ("EMPTY", crate::bvh::wide::EMPTY),
@@ -93,7 +93,7 @@ fn constants() -> [(&'static str, u32); 21] {
         ("MEET_BLENDS", MEET_BLENDS),
         ("MATERIAL_LAYERED", MATERIAL_LAYERED),
         ("MATERIAL_TINTED", MATERIAL_TINTED),
-        ("MATERIAL_GLOSSY", MATERIAL_GLOSSY),
+        ("MATERIAL_GLOSSINESS", MATERIAL_GLOSSINESS),
         ("MATERIAL_SOLID", MATERIAL_SOLID),
         ("SPECULAR_TEXTURE", 5),
         ("SPECULAR_COLOR_TEXTURE", 6),
@@ -104,6 +104,7 @@ fn constants() -> [(&'static str, u32); 21] {
         ("SHEEN_ROUGHNESS_TEXTURE", 11),
         ("ANISOTROPY_TEXTURE", 12),
         ("TRANSMISSION_TEXTURE", 13),
+        ("IS_MAPPED", IS_MAPPED),
     ]
 }
 
@@ -124,15 +125,17 @@ pub const MATERIAL_LAYERED: u32 = 1;
 /// In [`Material::extras`]: the specular reflection has a colour, and what passes it has none of its own.
 pub const MATERIAL_TINTED: u32 = 2;
 /// In [`Material::extras`]: the metallic-roughness texture has glossiness in A, and no metalness.
-pub const MATERIAL_GLOSSY: u32 = 4;
+pub const MATERIAL_GLOSSINESS: u32 = 4;
 /// In [`Material::extras`]: transmissive material has an inside, and refracts.
 pub const MATERIAL_SOLID: u32 = 8;
+/// In [`SampleRecord::toward`]: the surface has a normal map.
+pub const IS_MAPPED: u32 = 1 << 30;
 /// Materials at most: what [`Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 20;
 
 shared_structs! {
 
-/// What a shaded sample hands to the reconstruction: 32 bytes.
+/// What a shaded sample hands to the reconstruction: 48 bytes.
 ///
 /// With k-NN reconstruction `first` is the sample's radiance and the rest is zero. With guided
 /// reconstruction `first` is the diffuse part divided by the diffuse albedo and `second` the specular
@@ -152,9 +155,16 @@ pub struct SampleRecord {
     /// octahedral, two 12-bit snorms in the low 24 bits. In the high byte, with a sun and guided
     /// reconstruction: bit 0 whether the sun's centre is seen, and how much of its disc as a 7-bit unorm.
     pub normal: u32,
+    /// [`VisibilityRecord::reflected`] of the sample's pixel.
+    pub reflected: u32,
+    /// On a surface with a normal map, with guided reconstruction, for red, green and blue: the mean of the directions
+    /// from which such light comes, as three 10-bit snorms, x in the low bits; and [`IS_MAPPED`] in the first. `first`
+    /// is then divided by how much more of this light falls on the mapped normal than on one that faces nowhere
+    /// (`directional_share` of glossy.h), which each pixel multiplies back for its own. Elsewhere 0.
+    pub toward: [u32; 3],
 }
 
-/// What dense visibility knows of a pixel: 24 bytes.
+/// What dense visibility knows of a pixel: 28 bytes.
 pub struct VisibilityRecord {
     /// World-space normal, as in [`SampleRecord::normal`] (the map's would make neighbours on one surface
     /// look strange to each other), in the low 24 bits. At an edge, bits 24 to 26 name one of the eight
@@ -172,6 +182,10 @@ pub struct VisibilityRecord {
     pub emission: u32,
     /// World-space normal with the surface's normal map, packed as `normal`; the same one without a map.
     pub mapped: u32,
+    /// On glossy surfaces, what the pixel expects to mirror: specular light divided by F0 as in [`SampleRecord`], from
+    /// the environment filtered for its own normal and roughness, and where it is smooth from a ray of its own. Packed
+    /// by [`pack_emission`], at least 1. Elsewhere 0.
+    pub reflected: u32,
 }
 
 /// A camera ray's first hit: 8 bytes.
@@ -290,6 +304,8 @@ pub struct Material {
     pub alpha_cutoff: f32,
     /// 1: unlit.
     pub unlit: u32,
+    /// 1: its reflections are sharp enough for pixels to have their own ([`crate::scene::Material::is_glossy`]).
+    pub glossy: u32,
     /// [`MATERIAL_LAYERED`] and others; what follows is read where it is layered.
     pub extras: u32,
     /// The dielectric's F0, before its weight.

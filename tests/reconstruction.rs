@@ -56,6 +56,7 @@ fn render(
         samples: (&buffer).into(),
         visibility: None,
         sun: None,
+        least_expected: 0.01,
         shown_from: None,
         other: None,
         exposure: 0.0,

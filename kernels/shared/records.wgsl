@@ -27,6 +27,36 @@ fn unpack_axes(packed: u32) -> vec3<f32> {
     return vec3<f32>(vec3(i32(packed << 24u), i32(packed << 16u), i32(packed << 8u)) >> vec3(24u)) / 127.0;
 }
 
+// Three 10-bit snorms.
+fn pack_toward(v: vec3<f32>) -> u32 {
+    let codes = vec3<u32>(vec3<i32>(round(clamp(v, vec3(-1.0), vec3(1.0)) * 511.0))) & vec3(1023u);
+    return codes.x | codes.y << 10u | codes.z << 20u;
+}
+
+fn unpack_toward(packed: u32) -> vec3<f32> {
+    return vec3<f32>(vec3(i32(packed << 22u), i32(packed << 12u), i32(packed << 2u)) >> vec3(22u)) / 511.0;
+}
+
+// As in kernels/shared/glossy.h, for one colour.
+fn directional_share(toward: vec3<f32>, normal: vec3<f32>) -> f32 {
+    let size = min(length(toward), 1.0);
+    if !(size > 0.0) {
+        return 1.0;
+    }
+    let q = clamp(0.5 + 0.5 * dot(toward, normal) / size, 0.0, 1.0);
+    let even = (1.0 - size) / (1.0 + size);
+    let power = 1.0 + 2.0 * size;
+    return max(even + (1.0 - even) * (power + 1.0) * pow(q, power), 0.1);
+}
+
+fn directional_shares(toward: vec3<u32>, normal: vec3<f32>) -> vec3<f32> {
+    return vec3(
+        directional_share(unpack_toward(toward.x), normal),
+        directional_share(unpack_toward(toward.y), normal),
+        directional_share(unpack_toward(toward.z), normal),
+    );
+}
+
 // Octahedral, two 12-bit snorms in the low 24 bits.
 fn unpack_normal24(packed: u32) -> vec3<f32> {
     let x = max(f32(i32(packed << 20u) >> 20u) / 2047.0, -1.0);
@@ -36,7 +66,36 @@ fn unpack_normal24(packed: u32) -> vec3<f32> {
     return normalize(vec3(x + select(fold, -fold, x >= 0.0), y + select(fold, -fold, y >= 0.0), z));
 }
 
-// As src/layout.rs has it.
+// As src/layout.rs has them.
+struct SampleRecord {
+    first: vec3<f32>,
+    depth: f32,
+    second: vec3<f32>,
+    normal: u32,
+    reflected: u32,
+    toward: vec3<u32>,
+}
+
+// Three vectors of words, which are read in a third of the time of their twelve words.
+fn sample_of(a: vec4<u32>, b: vec4<u32>, c: vec4<u32>) -> SampleRecord {
+    return SampleRecord(
+        bitcast<vec3<f32>>(a.xyz),
+        bitcast<f32>(a.w),
+        bitcast<vec3<f32>>(b.xyz),
+        b.w,
+        c.x,
+        c.yzw,
+    );
+}
+
+// A sample after the first pass is two vectors of words. k-nearest: radiance in the first two (see `pack_radiance`).
+// Guided: first and second (see `pack_light`), where second is divided by what the samples expected to mirror if depth
+// has EXPECTS; depth, which is negative where the values are borrowed from neighbours, and 0 where there is nothing to
+// borrow; the normal as three signed bytes, which read faster than an octahedron, with the sun's byte. The second vector
+// counts only if depth has DIRECTED: where red, green and blue light come from, as in SampleRecord.
+const EXPECTS = 1u;
+const DIRECTED = 2u;
+
 struct VisibilityRecord {
     normal: u32,
     depth: f32,
@@ -44,6 +103,7 @@ struct VisibilityRecord {
     surface: u32,
     emission: u32,
     mapped: u32,
+    reflected: u32,
 }
 
 fn base_of(record: VisibilityRecord) -> vec3<f32> {

@@ -25,6 +25,7 @@ typedef struct {
     __global const DirectionCell *direction_cells;
     __global const Emitter *emitters; // triangles first, sorted by their places
     __global const LightNode *light_nodes;
+    __global const float4 *glossy; // the environment as rough surfaces mirror it
 } Scene;
 
 #define SCENE_PARAMETERS                                                                            \
@@ -34,12 +35,13 @@ typedef struct {
         __global const TextureInfo *textures, __global const uint *texels, __global const float *srgb, \
         __global const Light *lights, \
         __global const EnvironmentTexel *environment, __global const DirectionCell *direction_cells, \
-        __global const Emitter *emitters, __global const LightNode *light_nodes
+        __global const Emitter *emitters, __global const LightNode *light_nodes, \
+        __global const float4 *glossy
 
 #define SCENE_ARGUMENTS                                                                              \
     {                                                                                                \
         nodes, leaves, triangles, normals, tangents, uv0, uv1, colors, materials, textures, texels,  \
-            srgb, lights, environment, direction_cells, emitters, light_nodes                                                               \
+            srgb, lights, environment, direction_cells, emitters, light_nodes, glossy                                        \
     }
 
 #define TRIANGLE_MATERIAL(packed) ((packed) & 0xfffffu)

@@ -385,7 +385,7 @@ __attribute__((noinline)) static Surface surface_at(const Scene *scene, uint pla
         float4 mr = lookup(scene, &material->textures[1], &spot.at);
 #if HAS_LAYERS
         // Specular-glossiness: see scene_buffers.rs.
-        if (material->extras & MATERIAL_GLOSSY) {
+        if (material->extras & MATERIAL_GLOSSINESS) {
             s.roughness = 1.0f - (1.0f - s.roughness) * mr.w;
         } else
 #endif

@@ -5,6 +5,8 @@ typedef struct {
     float depth;
     float second[3];
     uint normal;
+    uint reflected;
+    uint toward[3];
 } SampleRecord;
 
 typedef struct {
@@ -14,6 +16,7 @@ typedef struct {
     uint surface;
     uint emission;
     uint mapped;
+    uint reflected;
 } VisibilityRecord;
 
 typedef struct {
@@ -77,6 +80,7 @@ typedef struct {
     float occlusion_strength;
     float alpha_cutoff;
     uint unlit;
+    uint glossy;
     uint extras;
     float dielectric[3];
     float specular;
@@ -189,7 +193,7 @@ typedef struct {
 #define MEET_BLENDS 0xffffffffu
 #define MATERIAL_LAYERED 0x1u
 #define MATERIAL_TINTED 0x2u
-#define MATERIAL_GLOSSY 0x4u
+#define MATERIAL_GLOSSINESS 0x4u
 #define MATERIAL_SOLID 0x8u
 #define SPECULAR_TEXTURE 0x5u
 #define SPECULAR_COLOR_TEXTURE 0x6u
@@ -200,3 +204,4 @@ typedef struct {
 #define SHEEN_ROUGHNESS_TEXTURE 0xbu
 #define ANISOTROPY_TEXTURE 0xcu
 #define TRANSMISSION_TEXTURE 0xdu
+#define IS_MAPPED 0x40000000u

@@ -131,6 +131,7 @@ mod tests {
             surface,
             emission: pack_emission([0.5; 3]),
             mapped: pack_normal24([0.0, 0.6, 0.8]),
+            reflected: 0,
         };
         let sun =
             Sun { direction: Vec3::new(0.0, 0.0, 1.0), cos_radius: 0.999, radiance: Vec3::splat(100.0) };

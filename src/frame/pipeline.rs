@@ -19,7 +19,7 @@ use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
-use crate::scene::Sun;
+use crate::scene::{Environment, Sun};
 use crate::trace::{self, Fleet, Job, MovingScene, SampleTarget, SceneData, SceneState};
 use crate::waiting::{self, Limits};
 
@@ -89,6 +89,7 @@ pub struct Renderer {
     fixed_stops: f32,
     meter: Meter,
     sun: Option<Sun>,
+    least_expected: f32,
     output: Output,
     /// Steps of the cache of light so far, and those that the next view makes.
     light: u64,
@@ -233,6 +234,7 @@ impl Renderer {
             fixed_stops: config.view.exposure.fixed() as f32,
             meter: Meter::new(&config.view, output),
             sun: loaded.environment.sun,
+            least_expected: least_expected(&loaded.environment),
             output,
             light: 0,
             light_steps: 1,
@@ -364,6 +366,7 @@ impl Renderer {
             samples: traced.sample_target.samples.vulkan(),
             visibility: traced.sample_target.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
+            least_expected: self.least_expected,
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
             // Eyes come in pairs: wide views first, insets after them.
@@ -560,6 +563,12 @@ fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> 
         (device.clone(), traversals)
     };
     Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
+}
+
+/// A fiftieth of the map's mean radiance.
+fn least_expected(map: &Environment) -> f32 {
+    let sum: f64 = map.texels.iter().map(|texel| f64::from(texel.element_sum())).sum();
+    ((sum / (150 * map.texels.len().max(1)) as f64) as f32).clamp(1e-6, 1e6)
 }
 
 fn trace_settings(config: &Config) -> trace::Settings {

@@ -84,6 +84,9 @@ pub struct Frame<'a> {
     pub visibility: Option<BufferRef>,
     /// The sun whose visibility the records hold: its light is added at each pixel (guided).
     pub sun: Option<Sun>,
+    /// Radiance, above 0, below which reflections that pixels expect count no more than others (guided): a small
+    /// share of the environment's.
+    pub least_expected: f32,
     /// Where the eye is when the picture is seen: pixels are moved to where it sees them, by their depths
     /// (guided) or as if all were far away. `None` where that is where the view was traced from.
     pub shown_from: Option<Pose>,
@@ -136,7 +139,7 @@ struct FilterParameters {
     first_deviation: f32,
     second_deviation: f32,
     pixel_width: f32,
-    padding: u32,
+    least_expected: f32,
 }
 
 #[repr(C)]
@@ -160,7 +163,7 @@ struct PixelParameters {
     sun: [f32; 3],
     nearest_depth: f32,
     sun_radius: f32,
-    padding: u32,
+    least_expected: f32,
 }
 
 impl Reconstruction {
@@ -279,7 +282,14 @@ impl Reconstruction {
             }
             _ => samples,
         };
-        self.prepare.record(commands, tables, &self.settings, &samples, &dropped, (rays, pixel_width))?;
+        self.prepare.record(
+            commands,
+            tables,
+            &self.settings,
+            &samples,
+            &dropped,
+            (rays, pixel_width, frame.least_expected),
+        )?;
         commands.end_stage("filter");
         for output in frame.outputs {
             let pass = &self.passes[&output.target.attachments()];
@@ -351,7 +361,7 @@ impl Prepare {
         settings: &Settings,
         samples: &BufferRef,
         dropped: &BufferRef,
-        (rays, pixel_width): (Rays, f32),
+        (rays, pixel_width, least_expected): (Rays, f32, f32),
     ) -> Result<()> {
         let guided = settings.guided();
         let mut parameters = FilterParameters {
@@ -363,7 +373,7 @@ impl Prepare {
             first_deviation: guided.first_deviation,
             second_deviation: guided.second_deviation,
             pixel_width,
-            padding: 0,
+            least_expected,
         };
         if let (Some(filter), Some(nearest)) = (&self.filter, tables.nearest()) {
             let buffers = [
@@ -436,7 +446,7 @@ fn draw(
             sun: frame.sun.map_or([0.0; 3], |sun| (sun.radiance * sun.solid_angle() as f32).to_array()),
             nearest_depth: NEAREST_DEPTH,
             sun_radius: frame.sun.map_or(0.0, |sun| (0.5 * (1.0 - sun.cos_radius)).sqrt()),
-            padding: 0,
+            least_expected: frame.least_expected,
         };
         let first_sample = band.first_sample as usize;
         let prepared = tables.prepared().part(first_sample * PREPARED_BYTES, band.samples * PREPARED_BYTES);

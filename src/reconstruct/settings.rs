@@ -10,7 +10,7 @@ pub const MAX_K: u32 = 16;
 pub const MAX_NEIGHBOURS: u32 = 25;
 
 /// Bytes of a sample after the first pass.
-pub(super) const PREPARED_BYTES: usize = 16;
+pub(super) const PREPARED_BYTES: usize = 32;
 
 /// How samples weigh by their distance d from a pixel. R is the distance of the nearest sample that
 /// is not among the k, or twice the farthest's where there is none. Weights are scaled to sum to 1.

@@ -75,6 +75,7 @@ impl Bench {
             samples: (&samples).into(),
             visibility: Some((&visibility).into()),
             sun: None,
+            least_expected: 0.01,
             shown_from: None,
             exposure: 0.0,
             other: None,
@@ -105,7 +106,7 @@ fn nothing(_: u32, _: u32) -> VisibilityRecord {
 /// A surface without a normal map that emits nothing.
 fn seen(normal: u32, depth: f32, base: [f32; 3], metalness: f32) -> VisibilityRecord {
     let [base, surface] = pack_surface(base, metalness, 0.0);
-    VisibilityRecord { normal, depth, base, surface, mapped: normal, emission: 0 }
+    VisibilityRecord { normal, depth, base, surface, mapped: normal, emission: 0, reflected: 0 }
 }
 
 #[test]
@@ -123,7 +124,13 @@ fn a_constant_stays_constant() {
         let metal = |x: u32| x % 2;
         let colour = |x: u32| [1.0, 0.1 + 0.1 * (x % 7) as f32, 0.3 * (1 - metal(x)) as f32];
         let picture = bench.render(
-            |_, _| SampleRecord { first: [2.0, 3.0, 4.0], depth: 5.0, second: [0.5; 3], normal: facing },
+            |_, _| SampleRecord {
+                first: [2.0, 3.0, 4.0],
+                depth: 5.0,
+                second: [0.5; 3],
+                normal: facing,
+                ..SampleRecord::default()
+            },
             |x, _| seen(facing, 5.0, colour(x), metal(x) as f32),
         );
         for (index, pixel) in picture.iter().enumerate() {
@@ -168,6 +175,7 @@ fn light_does_not_leak_over_edges() {
                 depth: depth(x),
                 second: [0.0; 3],
                 normal: facing(x),
+                ..SampleRecord::default()
             },
             |x, _| seen(facing(x), depth(x), [1.0; 3], 0.0),
         );
@@ -181,7 +189,13 @@ fn light_does_not_leak_over_edges() {
     }
     // Without the edge in the records the light must leak: the count above can fail.
     let picture = bench.render(
-        |x, _| SampleRecord { first: [light(x); 3], depth: 9.0, second: [0.0; 3], normal: facing },
+        |x, _| SampleRecord {
+            first: [light(x); 3],
+            depth: 9.0,
+            second: [0.0; 3],
+            normal: facing,
+            ..SampleRecord::default()
+        },
         |_, _| seen(facing, 9.0, [1.0; 3], 0.0),
     );
     let between = picture.iter().filter(|pixel| (3.0..97.0).contains(&pixel[0])).count();
@@ -236,6 +250,7 @@ fn a_slanted_floor_is_one_surface() {
             depth: depth(x, y),
             second: [0.0; 3],
             normal: floor,
+            ..SampleRecord::default()
         },
         |x, y| seen(floor, depth(x, y), [1.0; 3], 0.0),
     );
@@ -266,7 +281,13 @@ fn what_is_not_finite_does_not_spread() {
 
         let mut bench = Bench::new(&context, Mode::default(), size, samples.clone());
         let facing = normal(&bench.view, TOWARD);
-        let good = SampleRecord { first: [2.0; 3], depth: 4.0, second: [1.0; 3], normal: facing };
+        let good = SampleRecord {
+            first: [2.0; 3],
+            depth: 4.0,
+            second: [1.0; 3],
+            normal: facing,
+            ..SampleRecord::default()
+        };
         for part in 0..3 {
             let record = |x, y| {
                 let mut record = good;
@@ -303,6 +324,7 @@ fn a_thin_thing_without_samples_takes_its_neighbours_light() {
             depth: if x > 20 { 8.0 } else { wall },
             second: [0.0; 3],
             normal: facing,
+            ..SampleRecord::default()
         };
         let picture = bench.render(record, |x, _| match x {
             15 => seen(sideways, 2.0, [1.0; 3], 0.0),
@@ -410,7 +432,7 @@ fn a_new_pattern_replaces_the_old_one() {
 fn guided_reconstruction_asks_for_visibility() {
     let Some(context) = testing::context() else { return };
     let mut bench = Bench::new(&context, Mode::default(), (8, 8), vec![0]);
-    let samples = HostBuffer::new(&context, 32).unwrap();
+    let samples = HostBuffer::new(&context, size_of::<SampleRecord>()).unwrap();
     let image = Image::new(&context, Format::R8G8B8A8_UNORM, 8, 8).unwrap();
     let outputs = [Output::whole(image.target(), 0.0)];
     let frame = Frame {
@@ -418,6 +440,7 @@ fn guided_reconstruction_asks_for_visibility() {
         samples: (&samples).into(),
         visibility: None,
         sun: None,
+        least_expected: 0.01,
         shown_from: None,
         exposure: 0.0,
         other: None,

@@ -20,6 +20,7 @@
 pub mod accumulate;
 pub mod brdf;
 mod bvh;
+pub mod guided;
 pub mod intersect;
 pub mod layers;
 pub mod light;

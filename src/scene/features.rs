@@ -23,6 +23,8 @@ pub struct Features {
     pub layers: bool,
     /// Some material is glass.
     pub glass: bool,
+    /// Some material's reflections are sharp ([`super::Material::is_glossy`]).
+    pub glossy: bool,
 }
 
 impl Features {
@@ -38,11 +40,12 @@ impl Features {
             emitters: emitters::any(scene),
             layers: any(&|m| m.layers.is_some()),
             glass: any(&|m| m.glass.is_some()),
+            glossy: any(&|m| m.is_glossy(&scene.textures)),
         }
     }
 
     /// Every feature with its kernel name, in a fixed order.
-    pub fn defines(&self) -> [(&'static str, bool); 8] {
+    pub fn defines(&self) -> [(&'static str, bool); 9] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_NORMAL_MAPS", self.normal_maps),
@@ -52,6 +55,7 @@ impl Features {
             ("HAS_EMITTERS", self.emitters),
             ("HAS_LAYERS", self.layers),
             ("HAS_GLASS", self.glass),
+            ("HAS_GLOSSY", self.glossy),
         ]
     }
 }

@@ -96,6 +96,39 @@ impl Material {
     }
 }
 
+/// Below this roughness reflections differ from pixel to pixel; with a normal map, below the second.
+const GLOSSY_ROUGHNESS: [f32; 2] = [0.5, 0.7];
+
+impl Material {
+    /// Whether samples are too sparse for its reflections: it is smooth somewhere, or a bumpy one that is not quite
+    /// rough, or a bumpy metal. Layers and glass are not: what pixels expect is a single lobe over an opaque base.
+    pub fn is_glossy(&self, textures: &[super::Texture]) -> bool {
+        if self.unlit || self.layers.is_some() || self.glass.is_some() {
+            return false;
+        }
+        let finest = self.metallic_roughness_texture.and_then(|t| textures.get(t.texture as usize));
+        // Single texels do not count.
+        let of_texture = |channel: usize, share: f32| {
+            finest.map_or(1.0, |texture| {
+                let mut codes = [0usize; 256];
+                let (first, width, height) = texture.level(0);
+                let texels = &texture.texels[first..first + width as usize * height as usize];
+                texels.iter().for_each(|texel| codes[texel[channel] as usize] += 1);
+                let (mut sum, wanted) = (0, (texels.len() as f32 * share) as usize);
+                let code = codes.iter().position(|&count| {
+                    sum += count;
+                    sum > wanted
+                });
+                code.unwrap_or(255) as f32 / 255.0
+            })
+        };
+        let bumpy = self.normal_texture.is_some();
+        let smoothest = self.roughness * of_texture(1, 0.01);
+        let metallest = self.metallic * of_texture(2, 0.99);
+        smoothest < GLOSSY_ROUGHNESS[usize::from(bumpy)] || bumpy && metallest > 0.5
+    }
+}
+
 impl Default for Material {
     /// glTF's default material.
     fn default() -> Self {

@@ -11,6 +11,7 @@ pub mod environment;
 pub mod features;
 pub mod formats;
 pub mod generate;
+pub mod glossy;
 pub mod gltf;
 pub mod importance;
 pub mod info;

@@ -15,6 +15,7 @@ use crate::bvh::wide::LeafSlot;
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
 use crate::layout::{self, pack_normal};
+use crate::scene::glossy;
 use crate::scene::importance::{AliasEntry, DirectionTable};
 use crate::scene::{
     AlphaMode, Environment, Features, Layers, LightKind, Scene, TextureRef, emitters, texture::Wrap,
@@ -48,6 +49,7 @@ pub struct SceneData {
     environment: Vec<layout::EnvironmentTexel>,
     directions: Vec<layout::DirectionCell>,
     emitters: Option<PackedEmitters>,
+    glossy: Option<Vec<[f32; 4]>>,
     shading: layout::Shading,
     cache: layout::CacheInfo,
 }
@@ -74,6 +76,7 @@ pub struct SceneBuffers {
     directions: Buffer<layout::DirectionCell>,
     emitters: Option<Buffer<layout::Emitter>>,
     light_nodes: Option<Buffer<layout::LightNode>>,
+    glossy: Option<Buffer<[f32; 4]>>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
     pub shading: layout::Shading,
     /// What the cache of light has to know of the scene.
@@ -144,6 +147,7 @@ impl SceneData {
             shading: shading(scene, environment, &directions, packed.as_ref()),
             emitters: packed,
             cache: cache_info(scene, environment),
+            glossy: features.glossy.then(|| glossy::prefiltered(environment)),
             features,
         })
     }
@@ -182,6 +186,7 @@ impl SceneData {
             may("lights", &self.lights),
             of("environment", &self.environment),
             of("directions", &self.directions),
+            may("glossy environment", &self.glossy),
         ]
         .into_iter()
         .chain(emitters)
@@ -289,13 +294,14 @@ impl SceneBuffers {
             emitters: (data.emitters.as_ref().map(|e| Buffer::from_slice(device, &e.list))).transpose()?,
             light_nodes: (data.emitters.as_ref().map(|e| Buffer::from_slice(device, &e.nodes)))
                 .transpose()?,
+            glossy: may(device, &data.glossy)?,
             shading: data.shading,
             cache: data.cache,
         })
     }
 
     /// How many arguments a scene is.
-    pub(super) const ARGUMENTS: usize = 17;
+    pub(super) const ARGUMENTS: usize = 18;
 
     /// The first arguments of a variant's kernels, in the order of `SCENE_PARAMETERS`.
     pub fn args(&self, traversal: Traversal) -> Vec<Arg<'_>> {
@@ -320,6 +326,7 @@ impl SceneBuffers {
             Arg::buffer(&self.directions),
             Arg::optional(&self.emitters),
             Arg::optional(&self.light_nodes),
+            Arg::optional(&self.glossy),
         ]
     }
 
@@ -377,10 +384,10 @@ fn pack_use(texture: Option<TextureRef>) -> layout::TextureUse {
 }
 
 fn pack_materials(scene: &Scene) -> Vec<layout::Material> {
-    scene.materials.iter().map(pack_material).collect()
+    scene.materials.iter().map(|m| pack_material(m, &scene.textures)).collect()
 }
 
-fn pack_material(m: &crate::scene::Material) -> layout::Material {
+fn pack_material(m: &crate::scene::Material, images: &[crate::scene::Texture]) -> layout::Material {
     let without = Layers::default();
     let layers = m.layers.as_deref().unwrap_or(&without);
     let flag = |on: bool, bit: u32| if on { bit } else { 0 };
@@ -409,9 +416,10 @@ fn pack_material(m: &crate::scene::Material) -> layout::Material {
             AlphaMode::Blend => -1.0,
         },
         unlit: u32::from(m.unlit),
+        glossy: u32::from(m.is_glossy(images)),
         extras: flag(m.layers.is_some(), layout::MATERIAL_LAYERED)
             | flag(layers.is_tinted(), layout::MATERIAL_TINTED)
-            | flag(layers.glossy, layout::MATERIAL_GLOSSY)
+            | flag(layers.glossy, layout::MATERIAL_GLOSSINESS)
             | flag(glass.is_some_and(|glass| glass.solid), layout::MATERIAL_SOLID),
         dielectric: layers.dielectric.to_array(),
         specular: layers.specular,

@@ -6,7 +6,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 31] = [
+const FILES: [&str; 32] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -23,6 +23,7 @@ const FILES: [&str; 31] = [
     include_str!("../../kernels/shared/punctual.h"),
     include_str!("../../kernels/shared/emitters.h"),
     include_str!("../../kernels/shared/glass.h"),
+    include_str!("../../kernels/shared/glossy.h"),
     include_str!("../../kernels/shared/light.h"),
     include_str!("../../kernels/shared/cache.h"),
     include_str!("../../kernels/shared/camera.h"),

@@ -22,6 +22,7 @@ pub const EVERYTHING: Features = Features {
     emitters: true,
     layers: true,
     glass: true,
+    glossy: true,
 };
 
 /// 32 rays, no bounces, records of radiance.

@@ -7,6 +7,7 @@ mod cases;
 mod common;
 mod convex;
 mod edges;
+mod guided;
 mod hits;
 mod pictures;
 mod radiance;

@@ -458,7 +458,7 @@ fn specialised_kernels_are_the_general_ones() {
     });
 }
 
-/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun, emitters, layers, glass.
+/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun, emitters, layers, glass, glossy.
 fn combination(bits: u32) -> Features {
     let on = |bit: u32| bits >> bit & 1 != 0;
     Features {
@@ -470,6 +470,7 @@ fn combination(bits: u32) -> Features {
         emitters: on(5),
         layers: on(6),
         glass: on(7),
+        glossy: on(8),
     }
 }
 
@@ -488,13 +489,13 @@ fn build(device: &Device, combinations: impl Iterator<Item = u32>) {
 
 #[test]
 fn each_feature_builds_alone_and_beside_all_others() {
-    on_every_device(|device| build(device, (0..8).map(|bit| 1 << bit).chain([0, 0b1111_1111])));
+    on_every_device(|device| build(device, (0..9).map(|bit| 1 << bit).chain([0, 0b1_1111_1111])));
 }
 
 #[test]
-#[ignore = "512 builds: make test-long"]
+#[ignore = "1024 builds: make test-long"]
 fn long_every_combination_of_features_builds() {
-    on_every_device(|device| build(device, 0..256));
+    on_every_device(|device| build(device, 0..512));
 }
 
 fn trace_with(

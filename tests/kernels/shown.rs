@@ -36,6 +36,7 @@ fn picture(
         samples: (&buffer).into(),
         visibility: None,
         sun: None,
+        least_expected: 0.01,
         shown_from: from,
         other: None,
         exposure: 0.0,

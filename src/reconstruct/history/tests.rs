@@ -57,7 +57,13 @@ fn traced(view: &View, packed: u32, frame: u32, index: usize) -> SampleRecord {
     let centre = u32::from(at[0] < 30);
     let sun = (chance(3) * 127.0) as u32;
     let normal = pack_normal24(normal.as_vec3().to_array()) | (sun << 1 | centre) << 24;
-    SampleRecord { first, depth: depth as f32, second: [value(4), value(5), value(6)], normal }
+    SampleRecord {
+        first,
+        depth: depth as f32,
+        second: [value(4), value(5), value(6)],
+        normal,
+        ..SampleRecord::default()
+    }
 }
 
 fn as_reference(record: &SampleRecord, packed: u32) -> Sample {
@@ -103,6 +109,7 @@ fn submit(
         samples: (&samples).into(),
         visibility: Some((&visibility).into()),
         sun: None,
+        least_expected: 0.01,
         shown_from: None,
         other: Some(eye ^ 1),
         exposure: 0.0,

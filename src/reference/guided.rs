@@ -1,0 +1,407 @@
+//! Guided reconstruction in double precision: the stages of `kernels/filter.wgsl` and `kernels/reconstruct.wgsl` under
+//! their names, from the records that devices hand over.
+
+use std::f64::consts::PI;
+
+use glam::{DVec2, DVec3};
+
+use super::reconstruct::{WeightKind, nearest, weights};
+use crate::layout::{IS_MAPPED, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
+use crate::math::pose::Pose;
+use crate::math::view::View;
+use crate::scene::Sun;
+
+/// What is chosen about it: see [`crate::reconstruct::GuidedSettings`].
+#[derive(Clone, Copy, Debug)]
+pub struct Choices {
+    /// Samples that each sample is averaged with, itself included.
+    pub neighbours: usize,
+    /// Exponent of the cosine between normals.
+    pub normal_power: f64,
+    /// Sine of the angle out of a surface's plane at which a weight has fallen to 1/e.
+    pub plane_tolerance: f64,
+    /// Deviations of diffuse and of specular weights by distance, relative to the farthest neighbour's.
+    pub deviations: [f64; 2],
+    /// Samples that a pixel averages.
+    pub k: usize,
+    /// Their weights by distance.
+    pub weights: WeightKind,
+    /// What is added to light and expectation before one is divided by the other.
+    pub least_expected: f64,
+}
+
+/// A sample after [`Guided::filter_samples`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prepared {
+    /// Diffuse light over albedo and over its direction's share.
+    pub first: DVec3,
+    /// Specular light over F0, or over what was expected.
+    pub second: DVec3,
+    /// Whether it is over what was expected.
+    pub expects: bool,
+    /// Metres; negative where values are borrowed, 0 where there are none.
+    pub depth: f64,
+    /// World-space normal without its map.
+    pub normal: DVec3,
+    /// Whether the sun's centre is seen.
+    pub sun_centre: bool,
+    /// How much of its disc is.
+    pub sun: f64,
+    /// Mean directions of red, green and blue light, where they are known.
+    pub toward: Option<[DVec3; 3]>,
+}
+
+/// One view's records.
+pub struct Guided<'a> {
+    /// Where the pixels look.
+    pub view: &'a View,
+    /// Each sample's pixel.
+    pub positions: &'a [[u32; 2]],
+    /// One for each pixel, row after row.
+    pub visibility: &'a [VisibilityRecord],
+    /// The sun whose visibility they hold.
+    pub sun: Option<Sun>,
+    /// What is chosen.
+    pub choices: Choices,
+}
+
+/// With less weight than this on its own surface, a pixel looks at every sixth neighbour of its nearest sample.
+const ENOUGH: f64 = 0.01;
+const STRIDE: usize = 6;
+/// Shares of samples that are on other surfaces: with alike normals (then only), any, and holes.
+const OTHERS: [f64; 3] = [1e-3, 1e-7, 1e-10];
+
+#[derive(Default)]
+struct Light {
+    first: DVec3,
+    second: DVec3,
+    sum: f64,
+    second_sum: f64,
+    own: f64,
+    sun: f64,
+    sun_sum: f64,
+}
+
+/// A pixel's record, unpacked.
+struct Surface {
+    normal: DVec3,
+    mapped: DVec3,
+    point: DVec3,
+    pixel_width: f64,
+    sun_centre: bool,
+    expects: bool,
+    diffuse: DVec3,
+    f0: DVec3,
+    roughness: f64,
+}
+
+fn normal24(packed: u32) -> DVec3 {
+    DVec3::from(unpack_normal24(packed & 0xff_ffff).map(f64::from)).normalize()
+}
+
+fn emission(packed: u32) -> DVec3 {
+    DVec3::from(unpack_emission(packed).map(f64::from))
+}
+
+fn toward(packed: [u32; 3]) -> Option<[DVec3; 3]> {
+    let axis = |packed: u32, shift: u32| f64::from((packed << shift) as i32 >> 22) / 511.0;
+    let vector = |packed: u32| DVec3::new(axis(packed, 22), axis(packed, 12), axis(packed, 2));
+    (packed[0] & IS_MAPPED != 0).then(|| packed.map(vector))
+}
+
+fn finite(record: &SampleRecord) -> bool {
+    record.first.iter().chain(&record.second).chain([&record.depth]).all(|v| v.is_finite())
+}
+
+fn vector(v: [f32; 3]) -> DVec3 {
+    DVec3::from(v.map(f64::from))
+}
+
+/// By how much more light of one colour falls on a surface than on one that faces nowhere (Hazel 2017), for the mean
+/// of its directions.
+pub fn directional_share(toward: DVec3, normal: DVec3) -> f64 {
+    let length = toward.length().min(1.0);
+    if length == 0.0 {
+        return 1.0;
+    }
+    let q = (0.5 * (1.0 + toward.normalize().dot(normal))).clamp(0.0, 1.0);
+    let even = (1.0 - length) / (1.0 + length);
+    let power = 1.0 + 2.0 * length;
+    (even + (1.0 - even) * (power + 1.0) * q.powf(power)).max(0.1)
+}
+
+impl Guided<'_> {
+    fn toward_pixel(&self, x: f64, y: f64) -> DVec3 {
+        self.view.world_from_eye.rotation * self.view.eye_direction(DVec2::new(x + 0.5, y + 0.5))
+    }
+
+    fn point_at(&self, [x, y]: [u32; 2], depth: f64) -> DVec3 {
+        self.toward_pixel(f64::from(x), f64::from(y)) * depth
+    }
+
+    fn pixel_width(&self) -> f64 {
+        (self.toward_pixel(1.0, 0.0) - self.toward_pixel(0.0, 0.0)).length()
+    }
+
+    /// How well a point agrees to lie on a surface, 0 to 1.
+    fn alike(&self, normal: DVec3, other: DVec3, offset: DVec3, pixel_width: f64) -> f64 {
+        let by_normal = (self.choices.normal_power * (normal.dot(other) - 1.0)).exp();
+        let forgiven = self.choices.plane_tolerance.powi(2) * offset.length_squared() + pixel_width.powi(2);
+        by_normal * (-normal.dot(offset).powi(2) / forgiven).exp()
+    }
+
+    /// Each sample, averaged with its neighbours on its surface.
+    pub fn filter_samples(&self, samples: &[SampleRecord]) -> Vec<Prepared> {
+        (0..samples.len()).map(|index| self.filter_sample(samples, index)).collect()
+    }
+
+    fn filter_sample(&self, samples: &[SampleRecord], index: usize) -> Prepared {
+        let own = &samples[index];
+        let least = self.choices.least_expected;
+        let hole = !finite(own) || own.depth <= 0.0;
+        let expects = !hole && own.reflected != 0;
+        let (normal, depth) = (normal24(own.normal), f64::from(own.depth));
+        let sun_centre = own.normal >> 24 & 1;
+        let point = self.point_at(self.positions[index], depth);
+        let near = nearest(self.positions, self.positions[index], self.choices.neighbours);
+        let reach = near.last().map_or(1.0, |n| n.distance).max(1.0);
+        let [wide, narrow] = self.choices.deviations;
+        let by_distance = |distance: f64, square: f64| (-0.5 * (distance / reach).powi(2) / square).exp();
+        let (mut first, mut first_sum) = (DVec3::ZERO, 0.0);
+        let (mut second, mut second_sum) = (DVec3::ZERO, DVec3::ZERO);
+        let (mut sun, mut sun_sum) = (0.0, 0.0);
+        let (mut directions, mut direction_sum) = ([DVec3::ZERO; 3], DVec3::ZERO);
+        for neighbour in near {
+            let other = &samples[neighbour.sample];
+            if !finite(other) || other.depth <= 0.0 {
+                continue;
+            }
+            let offset = self.point_at(self.positions[neighbour.sample], f64::from(other.depth)) - point;
+            let guide = if hole || neighbour.sample == index {
+                1.0
+            } else {
+                self.alike(normal, normal24(other.normal), offset, self.pixel_width() * depth)
+            };
+            let [first_weight, second_weight, expected_weight] =
+                [wide * wide, narrow * narrow, wide * narrow]
+                    .map(|s| guide * by_distance(neighbour.distance, s));
+            first += vector(other.first) * first_weight;
+            first_sum += first_weight;
+            if expects && other.reflected != 0 {
+                second += (vector(other.second) + least) * expected_weight;
+                second_sum += (emission(other.reflected) + least) * expected_weight;
+            } else if !expects && (hole || other.reflected == 0) {
+                second += vector(other.second) * second_weight;
+                second_sum += second_weight;
+            }
+            if let (Some(_), Some(from)) = (toward(own.toward), toward(other.toward)) {
+                let weight = vector(other.first) * first_weight;
+                [0, 1, 2].into_iter().for_each(|c| directions[c] += from[c] * weight[c]);
+                direction_sum += weight;
+            }
+            if other.normal >> 24 & 1 == sun_centre {
+                sun += second_weight * f64::from(other.normal >> 25) / 127.0;
+                sun_sum += second_weight;
+            }
+        }
+        let found = first_sum > 0.0;
+        Prepared {
+            first: if found { first / first_sum } else { DVec3::ZERO },
+            second: if second_sum.x > 0.0 { second / second_sum } else { DVec3::ZERO },
+            expects,
+            depth: match (hole, found) {
+                (false, _) => depth,
+                (true, true) => -1.0,
+                (true, false) => 0.0,
+            },
+            normal,
+            sun_centre: sun_centre == 1,
+            sun: if sun_sum > 0.0 { sun / sun_sum } else { 0.0 },
+            toward: toward(own.toward)
+                .filter(|_| !hole)
+                .map(|_| [0, 1, 2].map(|c| directions[c] / direction_sum[c].max(1e-30))),
+        }
+    }
+
+    fn record(&self, [x, y]: [u32; 2]) -> &VisibilityRecord {
+        &self.visibility[(y * self.view.width + x) as usize]
+    }
+
+    fn surface(&self, at: [u32; 2]) -> Surface {
+        let record = self.record(at);
+        let root = [record.base & 0xffff, record.base >> 16, record.surface & 0xfff];
+        let most = [65535.0, 65535.0, 4095.0];
+        let base = DVec3::from_array([0, 1, 2].map(|c| (f64::from(root[c]) / most[c]).powi(2)));
+        let metalness = f64::from(record.surface >> 12 & 255) / 255.0;
+        let depth = f64::from(record.depth);
+        Surface {
+            normal: normal24(record.normal),
+            mapped: normal24(record.mapped),
+            point: self.point_at(at, depth),
+            pixel_width: self.pixel_width() * depth,
+            sun_centre: record.normal >> 31 == 1,
+            expects: record.reflected != 0,
+            diffuse: base * (1.0 - metalness),
+            f0: DVec3::splat(0.04).lerp(base, metalness).max(DVec3::splat(1e-3)),
+            roughness: f64::from(record.surface >> 20) / 4095.0,
+        }
+    }
+
+    fn add(
+        &self,
+        light: &mut Light,
+        surface: &Surface,
+        index: usize,
+        sample: &Prepared,
+        near: f64,
+        relaxed: f64,
+    ) {
+        let point = self.point_at(self.positions[index], sample.depth);
+        let by_normal = (self.choices.normal_power * (surface.normal.dot(sample.normal) - 1.0)).exp();
+        let (own, other) = if sample.depth > 0.0 {
+            let own = self.alike(surface.normal, sample.normal, point - surface.point, surface.pixel_width);
+            (own, OTHERS[1] + relaxed * by_normal)
+        } else {
+            (0.0, if sample.depth == 0.0 { 0.0 } else { OTHERS[2] })
+        };
+        let weight = near * (own + other);
+        let share = sample.toward.map_or(DVec3::ONE, |toward| {
+            DVec3::from_array(toward.map(|toward| directional_share(toward, surface.mapped)))
+        });
+        light.first += sample.first * share * weight;
+        light.sum += weight;
+        light.own += near * own;
+        if sample.expects == surface.expects {
+            light.second += sample.second * weight;
+            light.second_sum += weight;
+        }
+        if sample.sun_centre == surface.sun_centre {
+            light.sun += near * own * sample.sun;
+            light.sun_sum += near * own;
+        }
+    }
+
+    /// The radiance of what a pixel's own record describes.
+    pub fn guided_radiance(&self, prepared: &[Prepared], at: [u32; 2], thorough: bool) -> DVec3 {
+        let record = self.record(at);
+        if !(record.depth > 0.0) {
+            return emission(record.emission);
+        }
+        let surface = self.surface(at);
+        let mut light = Light::default();
+        let choices = &self.choices;
+        for (index, weight) in weights(self.positions, at, choices.k, choices.weights) {
+            self.add(&mut light, &surface, index, &prepared[index], weight, 0.0);
+        }
+        if thorough && light.own < ENOUGH && choices.neighbours > 1 {
+            let needed = 1.0 - light.own / ENOUGH;
+            let first = nearest(self.positions, at, 1)[0].sample;
+            let around = nearest(self.positions, self.positions[first], choices.neighbours);
+            for neighbour in around.iter().step_by(STRIDE) {
+                let [x, y] = self.positions[neighbour.sample];
+                let squared =
+                    (f64::from(x) - f64::from(at[0])).powi(2) + (f64::from(y) - f64::from(at[1])).powi(2);
+                let near = needed / (1.0 + squared);
+                self.add(
+                    &mut light,
+                    &surface,
+                    neighbour.sample,
+                    &prepared[neighbour.sample],
+                    near,
+                    OTHERS[0],
+                );
+            }
+        }
+        let first = if light.sum > 0.0 { light.first / light.sum } else { DVec3::ZERO };
+        let known = light.second_sum > 0.0;
+        let second = if known { light.second / light.second_sum } else { first };
+        let visible = if light.sun_sum > 0.02 {
+            light.sun / light.sun_sum
+        } else {
+            f64::from(u8::from(surface.sun_centre))
+        };
+        surface.diffuse * first
+            + surface.f0 * self.mirrored(record, second, known)
+            + self.sunlight(&surface, visible)
+            + emission(record.emission)
+    }
+
+    fn mirrored(&self, record: &VisibilityRecord, second: DVec3, known: bool) -> DVec3 {
+        let (expected, least) = (emission(record.reflected), self.choices.least_expected);
+        match (record.reflected, known) {
+            (0, _) => second,
+            (_, false) => expected,
+            (_, true) => ((expected + least) * second - least).max(DVec3::ZERO),
+        }
+    }
+
+    /// glTF's BRDF for the sun, as `src/reference/brdf.rs` has it, under a lobe that its disc widens.
+    fn sunlight(&self, surface: &Surface, visible: f64) -> DVec3 {
+        let Some(sun) = &self.sun else { return DVec3::ZERO };
+        let towards = sun.direction.as_dvec3();
+        let cosine = surface.mapped.dot(towards);
+        if visible * cosine <= 0.0 {
+            return DVec3::ZERO;
+        }
+        let view = -surface.point.normalize();
+        let half = (view + towards).normalize();
+        let n_v = surface.mapped.dot(view).max(1e-4);
+        let n_h = surface.mapped.dot(half).clamp(0.0, 1.0);
+        let widening = 0.5 * (1.0 - f64::from(sun.cos_radius));
+        let square = (surface.roughness.powi(2).max(1e-3).powi(2) + widening).min(1.0);
+        let fresnel = surface.f0 + (DVec3::ONE - surface.f0) * (1.0 - view.dot(half).clamp(0.0, 1.0)).powi(5);
+        let facets = square / (PI * (n_h * n_h * (square - 1.0) + 1.0).powi(2));
+        let lambda = |c: f64| (c * c * (1.0 - square) + square).sqrt();
+        let smith = cosine * lambda(n_v) + n_v * lambda(cosine);
+        let brdf = surface.diffuse * (DVec3::ONE - fresnel) / PI + fresnel * (0.5 * facets / smith);
+        brdf * sun.radiance.as_dvec3() * (sun.solid_angle() * visible * cosine)
+    }
+
+    /// A pixel with what its neighbour shares of it.
+    pub fn guided_color(&self, prepared: &[Prepared], at: [u32; 2]) -> DVec3 {
+        let own = self.guided_radiance(prepared, at, true);
+        let normal = self.record(at).normal;
+        let share = f64::from(normal >> 27 & 15) / 15.0;
+        let neighbour = normal >> 24 & 7;
+        let place = neighbour + u32::from(neighbour > 3);
+        let row = at[1] + place / 3;
+        if share == 0.0 || !(1..=self.view.height).contains(&row) {
+            return own;
+        }
+        let beside = [at[0] + place % 3 - 1, row - 1];
+        own.lerp(self.guided_radiance(prepared, beside, false), share)
+    }
+
+    /// The traced pixel that a pixel of the picture sees, shown from another pose: a fixed point along its ray, from
+    /// infinitely far away on (Bowles et al. 2012).
+    pub fn warped(&self, shown_from: Pose, [x, y]: [u32; 2], steps: u32) -> [u32; 2] {
+        let shown = View { world_from_eye: shown_from, ..*self.view };
+        let direction =
+            shown_from.rotation * shown.eye_direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+        let ahead = shown_from.rotation * DVec3::NEG_Z;
+        let offset = shown_from.position - self.view.world_from_eye.position;
+        let mut found = self.traced_pixel(direction);
+        for _ in 0..steps {
+            let depth = f64::from(self.record(found).depth);
+            if !(depth > 0.0) {
+                return found;
+            }
+            let along = ahead.dot(self.point_at(found, depth) - offset).max(1e-3);
+            found = self.traced_pixel(offset + direction * along);
+        }
+        found
+    }
+
+    /// The pixel in which a point relative to the traced eye is seen, or the nearest one.
+    fn traced_pixel(&self, point: DVec3) -> [u32; 2] {
+        let eye = self.view.world_from_eye.rotation.inverse() * point;
+        let tangent = DVec2::new(eye.x, eye.y) / (-eye.z).max(1e-6);
+        let fov = &self.view.fov;
+        let size = DVec2::new(f64::from(self.view.width), f64::from(self.view.height));
+        let at = (tangent - DVec2::new(fov.left, fov.up))
+            / DVec2::new(fov.right - fov.left, fov.down - fov.up)
+            * size;
+        let at = at.clamp(DVec2::ZERO, size - 1.0);
+        [at.x as u32, at.y as u32]
+    }
+}

@@ -1,0 +1,190 @@
+//! The environment as surfaces of some roughness mirror it: what pixels of glossy surfaces look up.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::environment::{Environment, direction_from_uv, uv_from_direction};
+
+/// Perceptual roughness of each level, and texels across; it is half as high. Texels are about as wide as half the
+/// lobe. `kernels/shared/glossy.h` has the same numbers; below the first level the map itself counts more and more.
+pub const LEVELS: [(f32, u32); 7] =
+    [(0.1, 512), (0.2, 256), (0.3, 128), (0.45, 64), (0.6, 64), (0.8, 32), (1.0, 32)];
+
+/// Directions that a texel averages.
+const DIRECTIONS: u32 = 64;
+
+/// All levels one after the other, row by row: the radiance that a surface of that roughness, seen along its
+/// normal, reflects of the map where nothing hides it (Karis 2013), without the sun. Directions follow GGX's
+/// normals; each reads a level of the map as coarse as directions are sparse there (Křivánek and Colbert 2008).
+pub fn prefiltered(map: &Environment) -> Vec<[f32; 4]> {
+    let pyramid = Pyramid::new(map);
+    let mut texels = Vec::new();
+    for (roughness, width) in LEVELS {
+        let lobe = lobe(roughness);
+        let texel = |at: u32| {
+            let uv = Vec2::new((at % width) as f32 + 0.5, 2.0 * ((at / width) as f32 + 0.5)) / width as f32;
+            average(&pyramid, direction_from_uv(uv), &lobe).extend(0.0).to_array()
+        };
+        texels.par_extend((0..width * width / 2).into_par_iter().map(texel));
+    }
+    texels
+}
+
+/// Directions around +Z, each with its weight and its share of the sphere's solid angle.
+fn lobe(roughness: f32) -> Vec<(Vec3, f32, f32)> {
+    let square = roughness.powi(4);
+    let direction = |i: u32| {
+        // A Hammersley set of GGX's normals h, mirrored: l = 2 (z.h) h - z.
+        let u = (i as f32 + 0.5) / DIRECTIONS as f32;
+        let phi = TAU * (i.reverse_bits() as f32 / 4_294_967_296.0);
+        let cos = ((1.0 - u) / (1.0 + (square - 1.0) * u)).sqrt();
+        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+        let h = Vec3::new(sin * phi.cos(), sin * phi.sin(), cos);
+        let density = square / (PI * (1.0 + (square - 1.0) * cos * cos).powi(2)) / 4.0;
+        let l = h * (2.0 * h.z) - Vec3::Z;
+        (l, l.z, 1.0 / (DIRECTIONS as f32 * density))
+    };
+    (0..DIRECTIONS).map(direction).filter(|&(_, weight, _)| weight > 0.0).collect()
+}
+
+fn average(pyramid: &Pyramid, axis: Vec3, lobe: &[(Vec3, f32, f32)]) -> Vec3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    let mut sum = Vec3::ZERO;
+    let mut weights = 0.0;
+    for &(l, weight, solid_angle) in lobe {
+        sum += pyramid.read(x * l.x + y * l.y + axis * l.z, solid_angle) * weight;
+        weights += weight;
+    }
+    sum / weights
+}
+
+/// The map, and half as many texels each way at each further level.
+struct Pyramid {
+    levels: Vec<(usize, usize, Vec<Vec3>)>,
+}
+
+impl Pyramid {
+    fn new(map: &Environment) -> Pyramid {
+        let mut levels = vec![(map.width as usize, map.height as usize, map.texels.clone())];
+        while let Some((width, height, texels)) = levels.last()
+            && width * height > 1
+        {
+            levels.push(halved(*width, *height, texels));
+        }
+        Pyramid { levels }
+    }
+
+    /// The radiance from a direction, averaged over about so many steradians.
+    fn read(&self, direction: Vec3, solid_angle: f32) -> Vec3 {
+        let (width, height, _) = self.levels[0];
+        let sine = (1.0 - direction.y * direction.y).max(0.0).sqrt().max(PI / height as f32 * 0.5);
+        let texel = TAU / width as f32 * (PI / height as f32) * sine;
+        // One level finer than directions are sparse leaves gaps; one coarser does not.
+        let level = (0.5 * (solid_angle / texel).log2() + 1.0).clamp(0.0, (self.levels.len() - 1) as f32);
+        let fine = level as usize;
+        let coarse = (fine + 1).min(self.levels.len() - 1);
+        let uv = uv_from_direction(direction);
+        self.bilinear(fine, uv).lerp(self.bilinear(coarse, uv), level - fine as f32)
+    }
+
+    fn bilinear(&self, level: usize, uv: Vec2) -> Vec3 {
+        let (width, height, texels) = &self.levels[level];
+        let at = uv * Vec2::new(*width as f32, *height as f32) - 0.5;
+        let base = at.floor();
+        let share = at - base;
+        let texel = |x: f32, y: f32| {
+            let row = (y.max(0.0) as usize).min(height - 1);
+            texels[row * width + (x as i64).rem_euclid(*width as i64) as usize]
+        };
+        let row = |y: f32| texel(base.x, y).lerp(texel(base.x + 1.0, y), share.x);
+        row(base.y).lerp(row(base.y + 1.0), share.y)
+    }
+}
+
+/// Two by two texels to one, by their solid angles; an odd one out is left to itself.
+fn halved(width: usize, height: usize, texels: &[Vec3]) -> (usize, usize, Vec<Vec3>) {
+    let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
+    let weight = |row: usize| ((row as f32 + 0.5) / height as f32 * PI).sin();
+    let texel = |at: usize| {
+        let (left, top) = (at % half_width * 2, at / half_width * 2);
+        let mut sum = Vec3::ZERO;
+        let mut weights = 0.0;
+        for y in top..(top + 2).min(height) {
+            for x in left..(left + 2).min(width) {
+                sum += texels[y * width + x] * weight(y);
+                weights += weight(y);
+            }
+        }
+        sum / weights
+    };
+    (half_width, half_height, (0..half_width * half_height).map(texel).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(width: u32, radiance: impl Fn(Vec3) -> Vec3) -> Environment {
+        let height = width / 2;
+        let uv =
+            |i: u32| Vec2::new((i % width) as f32 + 0.5, 2.0 * ((i / width) as f32 + 0.5)) / width as f32;
+        let texels = (0..width * height).map(|i| radiance(direction_from_uv(uv(i)))).collect();
+        Environment { width, height, texels, ..Environment::constant(Vec3::ZERO) }
+    }
+
+    /// The texel of a level that looks nearest to a direction.
+    fn look(texels: &[[f32; 4]], level: usize, direction: Vec3) -> Vec3 {
+        let before: u32 = LEVELS[..level].iter().map(|(_, width)| width * width / 2).sum();
+        let width = LEVELS[level].1;
+        let at = uv_from_direction(direction) * Vec2::new(width as f32, (width / 2) as f32);
+        let index = before + at.y as u32 * width + at.x as u32;
+        Vec3::from_slice(&texels[index as usize][..3])
+    }
+
+    #[test]
+    fn a_constant_stays_constant() {
+        for width in [2, 64] {
+            let texels = prefiltered(&map(width, |_| Vec3::new(0.5, 3.0, 700.0)));
+            assert_eq!(texels.len() as u32, LEVELS.iter().map(|(_, width)| width * width / 2).sum::<u32>());
+            for texel in texels {
+                assert!(Vec3::from_slice(&texel[..3]).abs_diff_eq(Vec3::new(0.5, 3.0, 700.0), 1e-3 * 700.0));
+            }
+        }
+        assert_eq!(prefiltered(&Environment::constant(Vec3::ONE))[0], [1.0, 1.0, 1.0, 0.0]);
+    }
+
+    /// Against an integral over all normals, for light that changes slowly and for a bright disc.
+    #[test]
+    fn levels_are_the_lobes_integrals() {
+        let toward = Vec3::new(0.6, 0.64, -0.48);
+        let lights: [(f32, &(dyn Fn(Vec3) -> Vec3 + Sync)); 2] = [
+            (0.03, &|d| Vec3::ONE + d * 0.9),
+            (0.2, &|d| Vec3::splat(if d.dot(toward) > 0.95 { 20.0 } else { 0.3 })),
+        ];
+        for (allowed, light) in lights {
+            let texels = prefiltered(&map(256, light));
+            for (level, (roughness, _)) in LEVELS.into_iter().enumerate() {
+                for axis in [toward, Vec3::new(0.0, 0.8, -0.6), Vec3::new(-0.6, -0.64, 0.48)] {
+                    let (x, y) = axis.any_orthonormal_pair();
+                    let square = roughness.powi(4);
+                    let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
+                    for i in 0..256 * 64 {
+                        let (u, phi) = (((i / 64) as f32 + 0.5) / 256.0, TAU * (i % 64) as f32 / 64.0);
+                        let cos = ((1.0 - u) / (1.0 + (square - 1.0) * u)).sqrt();
+                        let sin = (1.0 - cos * cos).sqrt();
+                        let h = x * (sin * phi.cos()) + y * (sin * phi.sin()) + axis * cos;
+                        let l = h * (2.0 * cos) - axis;
+                        let weight = l.dot(axis).max(0.0);
+                        sum += light(l) * weight;
+                        weights += weight;
+                    }
+                    let (found, right) = (look(&texels, level, axis), sum / weights);
+                    let off = (found - right).abs().max_element() / right.max_element();
+                    assert!(off < allowed, "{roughness} {axis}: {found} is not {right}");
+                }
+            }
+        }
+    }
+}

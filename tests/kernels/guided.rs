@@ -1,0 +1,284 @@
+//! Guided pictures against the same stages in double precision, on a still life that has every kind of texture, a
+//! polished floor, a mirror and bumps: as samples are (the pixels' stage alone), filtered, and seen from elsewhere.
+
+use foveate::foveation::{Law, Pattern};
+use foveate::gpu::vulkan::{Context, Format, HostBuffer, Image};
+use foveate::layout::{IS_MAPPED, SampleRecord, unpack_emission, unpack_normal24};
+use foveate::math::pose::Pose;
+use foveate::math::view::View;
+use foveate::reconstruct::{
+    Frame, GuidedSettings, Mode, Output, Reconstruction, Settings as Reconstructed, Weights,
+};
+use foveate::reference::guided::{Choices, Guided, directional_share};
+use foveate::reference::reconstruct::WeightKind;
+use foveate::reference::{self, Surface, TextureMode, Tracer};
+use foveate::scene::sky::Sky;
+use foveate::scene::{Environment, Material, Scene};
+use foveate::trace::Settings;
+use glam::{DQuat, DVec2, DVec3, Vec3};
+
+use crate::bench::{Bench, PLAIN, Picture, all_pixels, on_every_device, view};
+use crate::common;
+use crate::scenes::{colourful, cuboid, floor, mapped, matt, metal, scene_of, texture};
+
+const SIZE: (u32, u32) = (64, 48);
+const LEAST: f32 = 0.02;
+
+/// A polished floor, a mirror, and a block whose texture plays every role.
+pub fn still_life() -> Scene {
+    let every = Material {
+        base_color_texture: mapped(0, 1.7),
+        metallic_roughness_texture: mapped(1, 1.3),
+        normal_texture: mapped(2, 2.1),
+        occlusion_texture: mapped(3, 1.0),
+        emissive: Vec3::new(0.2, 0.1, 0.3),
+        emissive_texture: mapped(4, 1.1),
+        ..matt(0.9)
+    };
+    let every = Material { metallic: 0.8, roughness: 0.9, ..every };
+    let polished = Material { roughness: 0.12, ..matt(0.3) };
+    let mut scene = scene_of(vec![polished, metal(Vec3::new(0.9, 0.8, 0.6), 0.05), every, matt(0.5)]);
+    // Up and down again, since textures repeat.
+    let wave = |i: u32| [0, 1, 2, 1][(i % 4) as usize] + [0, 1, 2, 1][(i / 4) as usize];
+    scene.textures = vec![
+        texture(true, |i| [60 + 12 * i as u8, 200 - 9 * i as u8, 90, 255]),
+        texture(false, |i| [0, 80 + 25 * wave(i), 250 - 25 * wave(i), 255]),
+        texture(false, |i| [90 + 11 * (i % 4) as u8, 100 + 13 * (i / 4) as u8, 230, 255]),
+        texture(false, |i| [120 + 8 * i as u8, 0, 0, 255]),
+        texture(true, |i| [15 * i as u8, 255 - 15 * i as u8, 70, 255]),
+    ];
+    floor(&mut scene, 6.0, 0.0, 0);
+    cuboid(&mut scene, Vec3::new(-1.4, 0.0, -1.0), Vec3::new(-0.2, 1.3, -0.4), 1);
+    cuboid(&mut scene, Vec3::new(0.1, 0.0, -0.5), Vec3::new(1.1, 0.9, 0.5), 2);
+    cuboid(&mut scene, Vec3::new(-0.9, 0.0, 0.3), Vec3::new(-0.4, 0.5, 0.8), 3);
+    scene
+}
+
+/// The sun stands low behind things, where Fresnel's reflection is strong.
+fn light() -> Environment {
+    Sky { sun_elevation_deg: 16.0, sun_azimuth_deg: 14.0, ..Sky::default() }.bake()
+}
+
+fn eye() -> View {
+    view(DVec3::new(0.3, 1.5, 3.1), DVec3::new(0.0, 0.5, 0.0), 50.0, SIZE)
+}
+
+/// The traced records of a sparse pattern.
+fn traced(bench: &mut Bench) -> (Picture, Vec<u32>) {
+    let pattern = Pattern::new(&eye(), &Law::default(), DVec2::splat(0.5), 420);
+    let settings = Settings { guided: true, edge_rays: 4, rays: 24, ..PLAIN };
+    (bench.trace(&eye(), &settings, &pattern), pattern.samples)
+}
+
+/// The device's picture, in linear light.
+fn shown(
+    context: &Context,
+    picture: &Picture,
+    samples: &[u32],
+    neighbours: u32,
+    from: Option<Pose>,
+) -> Vec<DVec3> {
+    let guided = GuidedSettings { neighbours, ..GuidedSettings::default() };
+    let settings = Reconstructed { mode: Mode::Guided(guided), k: 4, weights: Weights::Shepard, reuse: None };
+    let view = eye();
+    let mut reconstruction = Reconstruction::new(context, settings).unwrap();
+    reconstruction.set_pattern(0, view.width, view.height, samples).unwrap();
+    let buffer = |bytes: &[u8]| {
+        let buffer = HostBuffer::new(context, bytes.len()).unwrap();
+        buffer.write(0, bytes);
+        buffer
+    };
+    let records = buffer(bytemuck::cast_slice(&picture.samples));
+    let visibility = buffer(bytemuck::cast_slice(&picture.visibility));
+    let image = Image::new(context, Format::R32G32B32A32_SFLOAT, view.width, view.height).unwrap();
+    let frame = Frame {
+        view: &view,
+        samples: (&records).into(),
+        visibility: Some((&visibility).into()),
+        sun: light().sun,
+        least_expected: LEAST,
+        exposure: 0.0,
+        other: None,
+        shown_from: from,
+        outputs: &[Output::whole(image.target(), 0.0)],
+    };
+    reconstruction.submit(0, &frame).unwrap();
+    reconstruction.wait(0).unwrap();
+    let floats: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().unwrap());
+    floats.iter().map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).collect()
+}
+
+/// The same in double precision.
+fn right(picture: &Picture, samples: &[u32], neighbours: usize, from: Option<Pose>) -> Vec<DVec3> {
+    let view = eye();
+    let positions: Vec<[u32; 2]> = samples.iter().map(|s| [s & 0xffff, s >> 16]).collect();
+    let choices = Choices {
+        neighbours,
+        normal_power: 16.0,
+        plane_tolerance: 0.25,
+        deviations: [0.6, 0.25],
+        k: 4,
+        weights: WeightKind::Shepard,
+        least_expected: f64::from(LEAST),
+    };
+    let visibility = &picture.visibility;
+    let twin = Guided { view: &view, positions: &positions, visibility, sun: light().sun, choices };
+    let prepared = twin.filter_samples(&picture.samples);
+    let pixel = |p: u32| {
+        let at = [p % view.width, p / view.width];
+        twin.guided_color(&prepared, from.map_or(at, |pose| twin.warped(pose, at, 3)))
+    };
+    (0..view.width * view.height).map(pixel).collect()
+}
+
+/// How many pixels are further off than what is packed between the passes allows, and the largest error.
+fn compare(found: &[DVec3], right: &[DVec3]) -> (usize, f64) {
+    let off = found.iter().zip(right).map(|(found, right)| {
+        assert!(found.is_finite() && found.min_element() >= 0.0, "{found}");
+        (*found - *right).abs().max_element() / right.max_element().max(0.05)
+    });
+    off.fold((0, 0.0), |(count, worst), error| (count + usize::from(error > 0.02), f64::max(worst, error)))
+}
+
+#[test]
+fn guided_pictures_are_those_of_double_precision() {
+    let Some(context) = common::vulkan() else { return };
+    on_every_device(|device| {
+        let (scene, light) = (still_life(), light());
+        let (picture, samples) = traced(&mut Bench::new(device, &scene, &light));
+        let expecting = picture.visibility.iter().filter(|record| record.reflected != 0).count();
+        let shared = picture.visibility.iter().filter(|record| record.normal >> 27 & 15 != 0).count();
+        let mapped = picture.samples.iter().filter(|sample| sample.toward[0] != 0).count();
+        assert!(expecting > 600 && shared > 50 && mapped > 15, "{expecting} {shared} {mapped}");
+        let turn = eye().world_from_eye.rotation * DQuat::from_rotation_y(0.02);
+        let moved = Pose::new(turn, eye().world_from_eye.position + DVec3::new(0.12, -0.08, 0.05));
+        for (neighbours, from) in [(1, None), (24, None), (24, Some(moved))] {
+            let found = shown(&context, &picture, &samples, neighbours, from);
+            let right = right(&picture, &samples, neighbours as usize, from);
+            let (count, worst) = compare(&found, &right);
+            println!(
+                "{neighbours} neighbours, moved {}: {count} pixels off, by {worst:.3} at most",
+                from.is_some()
+            );
+            // What is on one side of a threshold in single precision and on the other in double.
+            let allowed = if from.is_some() { 40 } else { 12 };
+            assert!(count <= allowed, "{neighbours} {from:?}: {count} pixels are off, by up to {worst}");
+            // A comparer that finds nothing in wrong pictures finds nothing.
+            let wrong: Vec<DVec3> = right.iter().map(|color| *color * DVec3::new(1.0, 1.03, 1.0)).collect();
+            assert!(compare(&found, &wrong).0 > 500);
+        }
+    });
+}
+
+/// What each pixel's record says of textured surfaces: metalness and roughness each in its own place, of the nearest
+/// texel, and the mapped normal.
+#[test]
+fn textured_surfaces_are_described_as_the_reference_sees_them() {
+    on_every_device(|device| {
+        let (scene, light, view) = (still_life(), light(), eye());
+        let settings = Settings { guided: true, rays: 1, ..PLAIN };
+        let picture = Bench::new(device, &scene, &light).trace(&view, &settings, &all_pixels(&view));
+        let tracer = Tracer::new(&scene);
+        let (mut checked, mut off) = (0, [0; 3]);
+        for (pixel, record) in picture.visibility.iter().enumerate().filter(|(_, r)| r.depth > 0.0) {
+            let at = DVec2::new((pixel % SIZE.0 as usize) as f64, (pixel / SIZE.0 as usize) as f64) + 0.5;
+            let ray = reference::camera_ray(&scene, &view, at);
+            let Some(hit) = tracer.closest(&ray, f64::INFINITY) else { continue };
+            if scene.mesh.materials[hit.triangle as usize] != 2
+                || picture.hits[pixel].triangle != hit.triangle
+            {
+                continue;
+            }
+            let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
+            let metalness = f64::from(record.surface >> 12 & 255) / 255.0;
+            let roughness = f64::from(record.surface >> 20) / 4095.0;
+            let mapped = unpack_normal24(record.mapped);
+            checked += 1;
+            // Nearest texels differ from filtered ones by half a step along each side at most.
+            let allowed = 25.5 / 255.0;
+            off[0] += usize::from((metalness - surface.metallic).abs() > 0.8 * allowed);
+            off[1] += usize::from((roughness - surface.roughness).abs() > 0.9 * allowed);
+            off[2] += usize::from(DVec3::from(mapped.map(f64::from)).distance(surface.normal) > 0.02);
+        }
+        println!("{checked} textured pixels, {off:?} described otherwise");
+        assert!(checked > 200 && off.iter().all(|&off| off * 8 < checked), "{checked} {off:?}");
+    });
+}
+
+/// Samples on a normal map, multiplied by what their light's directions give their own normal, have the radiance of
+/// samples that are shown as they are.
+#[test]
+fn samples_on_normal_maps_keep_their_radiance() {
+    on_every_device(|device| {
+        let bumpy = Material { normal_texture: mapped(0, 0.5), ..matt(0.6) };
+        let mut scene = scene_of(vec![bumpy]);
+        scene.textures =
+            vec![texture(false, |i| [90 + 40 * (i % 4) as u8, 80 + 30 * (i / 4) as u8, 220, 255])];
+        floor(&mut scene, 6.0, 0.0, 0);
+        let light = Environment { sun: None, ..light() };
+        let mut bench = Bench::new(device, &scene, &light);
+        let (view, settings) = (eye(), Settings { rays: 96, ..PLAIN });
+        let whole = bench.trace(&view, &settings, &all_pixels(&view));
+        let parts = bench.trace(&view, &Settings { guided: true, ..settings }, &all_pixels(&view));
+        let (mut checked, mut directed) = (0, 0);
+        for (pixel, (whole, sample)) in whole.samples.iter().zip(&parts.samples).enumerate() {
+            let record = &parts.visibility[pixel];
+            if sample.depth <= 0.0 {
+                continue;
+            }
+            assert_ne!(sample.toward[0] & IS_MAPPED, 0);
+            let normal = DVec3::from(unpack_normal24(record.mapped).map(f64::from));
+            let share = DVec3::from_array(sample.toward.map(|packed| {
+                let axis = |shift: u32| f64::from((packed << shift) as i32 >> 22) / 511.0;
+                directional_share(DVec3::new(axis(22), axis(12), axis(2)), normal)
+            }));
+            let diffuse = DVec3::from(sample.first.map(f64::from)) * share * 0.6;
+            let found = diffuse + DVec3::from(sample.second.map(f64::from)) * 0.04;
+            let right = DVec3::from(whole.first.map(f64::from));
+            let off = (found - right).abs().max_element();
+            // Rays that no neighbour needs are not traced for radiance alone, which changes no other ray.
+            assert!(off < 0.01 * right.max_element(), "{pixel}: {found} is not {right}");
+            checked += 1;
+            directed += usize::from((share - DVec3::ONE).abs().max_element() > 0.1);
+        }
+        assert!(checked > 1000 && directed > 500, "{checked} {directed}");
+    });
+}
+
+/// What pixels expect to mirror is about what their samples find where nothing hides the environment, and nothing
+/// where a mirror sees something else.
+#[test]
+fn pixels_expect_about_what_samples_find() {
+    on_every_device(|device| {
+        for (material, allowed) in [
+            (metal(Vec3::new(0.9, 0.5, 0.2), 0.02), 0.03),
+            (metal(Vec3::new(0.9, 0.5, 0.2), 0.25), 0.2),
+            (metal(Vec3::new(0.9, 0.5, 0.2), 0.45), 0.25),
+            (Material { roughness: 0.1, ..matt(0.3) }, 0.2),
+        ] {
+            let mut scene = scene_of(vec![material.clone()]);
+            floor(&mut scene, 6.0, 0.0, 0);
+            let mut bench = Bench::new(device, &scene, &colourful());
+            let settings = Settings { rays: 256, guided: true, ..PLAIN };
+            let picture = bench.trace(&eye(), &settings, &all_pixels(&eye()));
+            let seen: Vec<_> = picture.samples.iter().filter(|sample| sample.depth > 0.0).collect();
+            let expected = |s: &SampleRecord| DVec3::from(unpack_emission(s.reflected).map(f64::from));
+            let found: DVec3 = seen.iter().map(|s| DVec3::from(s.second.map(f64::from))).sum();
+            let right: DVec3 = seen.iter().map(|s| expected(s)).sum();
+            let off = (found / right - DVec3::ONE).abs().max_element();
+            println!(
+                "roughness {}: samples find {:.3} of what is expected",
+                material.roughness,
+                found / right
+            );
+            assert!(seen.len() > 1000 && off < allowed, "{}: {}", material.roughness, found / right);
+        }
+        let (scene, light) = (still_life(), light());
+        let picture = traced(&mut Bench::new(device, &scene, &light)).0;
+        let material = |pixel: usize| scene.mesh.materials[picture.hits[pixel].triangle as usize];
+        let mirror =
+            (0..picture.hits.len()).filter(|&p| picture.hits[p].triangle != u32::MAX && material(p) == 1);
+        let dark = mirror.clone().filter(|&p| picture.visibility[p].reflected == 1).count();
+        assert!(dark > 20 && dark < mirror.count(), "the mirror sees the block and the sky: {dark}");
+    });
+}
