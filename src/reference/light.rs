@@ -39,7 +39,8 @@ pub fn background(map: &Environment, direction: DVec3) -> DVec3 {
 /// Where a direction lies in the map, both in 0..1 (see [`Environment`]).
 fn coordinates(direction: DVec3) -> (f64, f64) {
     let u = 0.5 + direction.x.atan2(-direction.z) / TAU;
-    (u, direction.y.clamp(-1.0, 1.0).acos() / PI)
+    // Not by the arc cosine: near the poles that tells rounding.
+    (u, direction.x.hypot(direction.z).atan2(direction.y) / PI)
 }
 
 /// The solid angle of the sun's disc in steradians.
