@@ -91,8 +91,10 @@ static float3 expected_at(const Scene *scene, const Shading *shading, float3 ori
                           float3 f0, float occlusion, uint seed, uint *rays)
 {
     float3 r = mirrored(n, -d, roughness);
+    // Where the normals of vertices mirror into the surface itself, it is as if the surface mirrored that away.
+    r -= g * (2.0f * min(dot3(r, g), 0.0f));
     float3 light = expected_reflection(scene, shading, n, g, -d, r, roughness, f0) * occlusion;
-    if (!is_mirror(n, -d, roughness, f0) || dot3(r, g) <= 0.0f)
+    if (!is_mirror(n, -d, roughness, f0))
         return light;
     float t = INFINITY;
     uint place;

@@ -1,5 +1,6 @@
 // Which pixels see the sun's centre: with the sun's light known, that is all that its shadows need,
-// and at every pixel they are as sharp as the picture.
+// and at every pixel they are as sharp as the picture. What lets some of the light through hides the centre where that is
+// less than half; how much it is, samples know.
 #if HAS_SUN
 
 // Pixels whose origins lie within this many pixel widths across the beam are traced together.
@@ -41,7 +42,7 @@ static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun,
         Beam beam;
         start_beam(&beam, &origins, waiting, leader, t[leader] * camera->step[0] * BEAM_WIDTH, sun);
         waiting &= ~beam.rays;
-        visible |= beam.rays & ~trace_beam(scene, &beam, camera->seed);
+        visible |= beam.rays & ~trace_beam(scene, &beam, PASS_BY_HALF);
     }
     return visible;
 }

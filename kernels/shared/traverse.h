@@ -250,6 +250,11 @@ static uint random_of_hit(uint place, float3 d, uint seed)
 #if HAS_ALPHA
 static float hit_alpha(const Scene *scene, uint place, uint packed, float3 weights);
 
+// The seed with which a ray passes all that lets half of the light or more through, instead of some by chance.
+#define PASS_BY_HALF 0xfffffffeu
+
+static bool passes_by_chance(float clear, uint seed, uint random) { return seed == PASS_BY_HALF ? clear >= 0.5f : fraction(random) < clear; }
+
 // A surface with alpha lets this ray pass: below the cutoff, or by chance where it blends.
 // Light passes glass straight, as much as it lets through along its normal.
 __attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint place, uint packed, float3 weights, float3 d, uint kind,
@@ -257,14 +262,14 @@ __attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint plac
 {
 #if HAS_GLASS
     float clear = scene->materials[TRIANGLE_MATERIAL(packed)].clear;
-    if (kind != SEEN && clear > 0.0f && fraction(random_of_hit(place, d, seed ^ 0x68bc21ebu)) < clear)
+    if (kind != SEEN && clear > 0.0f && passes_by_chance(clear, seed, random_of_hit(place, d, seed ^ 0x68bc21ebu)))
         return true;
 #endif
     float cutoff = scene->materials[TRIANGLE_MATERIAL(packed)].alpha_cutoff;
     if (kind == SEEN && seed == MEET_BLENDS && cutoff < 0.0f)
         return false;
     float alpha = hit_alpha(scene, place, packed, weights);
-    return cutoff >= 0.0f ? alpha < cutoff : fraction(random_of_hit(place, d, seed)) >= alpha;
+    return cutoff >= 0.0f ? alpha < cutoff : !passes_by_chance(alpha, seed, random_of_hit(place, d, seed));
 }
 #endif
 

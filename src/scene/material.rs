@@ -100,8 +100,7 @@ impl Material {
 const GLOSSY_ROUGHNESS: [f32; 2] = [0.5, 0.7];
 
 impl Material {
-    /// Whether samples are too sparse for its reflections: it is smooth somewhere, or a bumpy one that is not quite
-    /// rough, or a bumpy metal. Layers and glass are not: what pixels expect is a single lobe over an opaque base.
+    /// Whether samples are too sparse for its reflections: a good part of it is smooth, or it is a bumpy metal. Layers and glass are not: what pixels expect is a single lobe over an opaque base.
     pub fn is_glossy(&self, textures: &[super::Texture]) -> bool {
         if self.unlit || self.layers.is_some() || self.glass.is_some() {
             return false;
@@ -123,9 +122,9 @@ impl Material {
             })
         };
         let bumpy = self.normal_texture.is_some();
-        let smoothest = self.roughness * of_texture(1, 0.01);
+        let smooth = self.roughness * of_texture(1, GLOSSY_PART);
         let metallest = self.metallic * of_texture(2, 0.99);
-        smoothest < GLOSSY_ROUGHNESS[usize::from(bumpy)] || bumpy && metallest > 0.5
+        smooth < GLOSSY_ROUGHNESS || bumpy && metallest > 0.5
     }
 }
 

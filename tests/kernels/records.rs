@@ -213,30 +213,36 @@ fn blending_panes_are_smooth_in_one_picture() {
     });
 }
 
-/// A pane that covers half lets the sun through at about half of the pixels in its shadow, each for itself:
-/// not at all or none of them, as one decision for its two triangles would.
+/// Behind a pane that covers a part all pixels decide alike whether the sun's centre is seen, and samples tell how much
+/// of its light comes through: shadows of panes are no coin tosses.
 #[test]
-fn blending_panes_let_the_sun_through_pixel_by_pixel() {
+fn blending_panes_dim_the_sun_alike_at_all_pixels() {
     on_every_device(|device| {
-        let pane = Material {
-            base_color: Vec4::new(1.0, 1.0, 1.0, 0.5),
-            alpha: AlphaMode::Blend,
-            double_sided: true,
-            ..Material::default()
-        };
-        let mut scene = scene_of(vec![matt(0.5), pane]);
-        floor(&mut scene, 3.0, 0.0, 0);
-        floor(&mut scene, 60.0, 20.0, 1);
-        let view = view(DVec3::new(0.0, 4.0, 0.1), DVec3::ZERO, 40.0, SIZE);
-        let settings = Settings { guided: true, rays: 8, ..PLAIN };
-        let mut bench = Bench::new(device, &scene, &cases::floor_under_sky().light);
-        let picture = bench.trace(&view, &settings, &all_pixels(&view));
-        let lit = picture.visibility.iter().filter(|r| r.normal & SUN_VISIBLE != 0).count();
-        let pixels = picture.visibility.iter().filter(|r| r.depth > 0.0).count();
-        println!("{lit} of {pixels} pixels see the sun through the pane");
-        // Five standard deviations of a fair coin.
-        let off = (lit as f64 - pixels as f64 / 2.0).abs();
-        assert!(pixels > 1000 && off < 2.5 * (pixels as f64).sqrt(), "{lit} of {pixels}");
+        for alpha in [0.3, 0.7] {
+            let pane = Material {
+                base_color: Vec4::new(1.0, 1.0, 1.0, alpha),
+                alpha: AlphaMode::Blend,
+                double_sided: true,
+                ..Material::default()
+            };
+            let mut scene = scene_of(vec![matt(0.5), pane]);
+            floor(&mut scene, 3.0, 0.0, 0);
+            floor(&mut scene, 60.0, 20.0, 1);
+            let view = view(DVec3::new(0.0, 4.0, 0.1), DVec3::ZERO, 40.0, SIZE);
+            let settings = Settings { guided: true, rays: 64, ..PLAIN };
+            let mut bench = Bench::new(device, &scene, &cases::floor_under_sky().light);
+            let picture = bench.trace(&view, &settings, &all_pixels(&view));
+            let lit = picture.visibility.iter().filter(|r| r.normal & SUN_VISIBLE != 0).count();
+            let pixels = picture.visibility.iter().filter(|r| r.depth > 0.0).count();
+            assert!(pixels > 1000, "{pixels}");
+            assert_eq!(lit, if alpha < 0.5 { pixels } else { 0 }, "{alpha}");
+            let seen = picture.samples.iter().filter(|s| s.depth > 0.0);
+            let mean = seen.map(|s| (s.normal >> 25) as f32 / 127.0).sum::<f32>() / pixels as f32;
+            println!("{mean} of the sun's light comes through a pane of {alpha}");
+            // Five standard deviations of eight tosses a pixel.
+            let deviation = (alpha * (1.0 - alpha) / (8.0 * pixels as f32)).sqrt();
+            assert!((mean - (1.0 - alpha)).abs() < 5.0 * deviation + 0.004, "{mean}");
+        }
     });
 }
 
