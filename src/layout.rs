@@ -304,7 +304,7 @@ pub struct Material {
     pub alpha_cutoff: f32,
     /// 1: unlit.
     pub unlit: u32,
-    /// 1: its reflections are sharp enough for pixels to have their own ([`crate::scene::Material::is_glossy`]).
+    /// 1: its reflections are sharp enough for pixels to have their own (`Material::is_glossy`).
     pub glossy: u32,
     /// [`MATERIAL_LAYERED`] and others; what follows is read where it is layered.
     pub extras: u32,

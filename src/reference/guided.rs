@@ -11,7 +11,7 @@ use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
 
-/// What is chosen about it: see [`crate::reconstruct::GuidedSettings`].
+/// What is chosen about it: see `GuidedSettings`.
 #[derive(Clone, Copy, Debug)]
 pub struct Choices {
     /// Samples that each sample is averaged with, itself included.
