@@ -267,11 +267,13 @@ pub struct TimeConfig {
     pub frames: u32,
     /// Let samples of one eye serve the other, too.
     pub eyes: bool,
+    /// Of [`TraceConfig::rays`], the part that a frame sends where one before it has left light.
+    pub rays: f64,
 }
 
 impl Default for TimeConfig {
     fn default() -> Self {
-        TimeConfig { reuse: true, frames: 32, eyes: true }
+        TimeConfig { reuse: true, frames: 32, eyes: true, rays: 0.5 }
     }
 }
 
@@ -710,6 +712,7 @@ impl Config {
         whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;
         whole("reconstruction.k", self.reconstruction.k, 1, 16)?;
         whole("time.frames", self.time.frames, 1, 256)?;
+        range("time.rays", self.time.rays, 0.01, 1.0)?;
         let environment = &self.environment;
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;

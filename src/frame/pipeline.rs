@@ -85,6 +85,8 @@ pub struct Renderer {
     lenses: Vec<Lens>,
     samples: Samples,
     settings: trace::Settings,
+    /// See [`crate::config::TimeConfig::rays`].
+    rays_with_history: f64,
     /// Stops that all pictures get.
     fixed_stops: f32,
     meter: Meter,
@@ -231,6 +233,7 @@ impl Renderer {
             lenses: Vec::new(),
             samples: config.foveation.samples,
             settings: trace_settings(config),
+            rays_with_history: config.time.rays,
             fixed_stops: config.view.exposure.fixed() as f32,
             meter: Meter::new(&config.view, output),
             sun: loaded.environment.sun,
@@ -338,7 +341,7 @@ impl Renderer {
         let job = Job {
             index,
             view: *view,
-            settings: trace::Settings { seed, cached, ..self.settings },
+            settings: trace::Settings { seed, cached, rays: self.rays_of(index), ..self.settings },
             light: self.light,
             state: self.state.clone(),
             pattern: traced.pattern.clone(),
@@ -477,6 +480,13 @@ impl Renderer {
         records.unwrap_or_default().iter().map(|record| record.depth).collect()
     }
 
+    /// Light rays of each of a view's samples: fewer where earlier frames have sent some for it.
+    fn rays_of(&self, index: usize) -> u32 {
+        let rays = self.settings.rays;
+        let part = (f64::from(rays) * self.rays_with_history).ceil() as u32;
+        if self.reconstruction.remembers(index) { part.clamp(1, rays) } else { rays }
+    }
+
     /// The tracing devices.
     pub fn fleet(&self) -> &Fleet {
         self.scheduler.fleet()
@@ -506,6 +516,7 @@ impl Renderer {
             self.views.clear();
         }
         self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
+        self.rays_with_history = config.time.rays;
         (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
         Ok(())
     }

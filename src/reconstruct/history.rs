@@ -190,8 +190,12 @@ impl Accumulate {
 
 /// What one eye's newest frame lends to the other.
 pub(super) struct Other(Kept);
-
 impl History {
+    /// Whether the next frame finds one before it.
+    pub fn is_kept(&self) -> bool {
+        self.last.is_some()
+    }
+
     /// The next frame finds nothing.
     pub fn forget(&mut self) {
         if let Some(kept) = self.last.take() {

@@ -332,6 +332,11 @@ impl Reconstruction {
         self.views.iter_mut().for_each(|state| state.history.forget());
     }
 
+    /// Whether the next frame of a view takes light from one before it.
+    pub fn remembers(&self, view: usize) -> bool {
+        self.views.get(view).is_some_and(|state| state.history.is_kept())
+    }
+
     /// How many samples of a view's last frame that was waited for were not finite and were left out.
     pub fn dropped(&self, view: usize) -> u32 {
         self.views.get(view).map_or(0, |state| state.dropped.read::<u32>(0, 1)[0])
