@@ -168,7 +168,9 @@ struct Cells {
 
 impl Cells {
     fn can_be_joined(&self) -> bool {
-        self.width >= 2 * DirectionTable::LEAST_WIDTH && self.width.is_multiple_of(2) && self.height.is_multiple_of(2)
+        self.width >= 2 * DirectionTable::LEAST_WIDTH
+            && self.width.is_multiple_of(2)
+            && self.height.is_multiple_of(2)
     }
 
     /// Four cells in one.
@@ -395,7 +397,11 @@ mod tests {
         let smooth = map(512, 256, |x, y| 2.0 + (x as f32 / 512.0 * 6.2832).sin() + y as f32 / 256.0);
         let table = DirectionTable::new(&smooth);
         assert_eq!((table.width, table.height), (64, 32));
-        assert!((0.0..DirectionTable::EXCESS).contains(&excess(&table, &smooth)), "{}", excess(&table, &smooth));
+        assert!(
+            (0.0..DirectionTable::EXCESS).contains(&excess(&table, &smooth)),
+            "{}",
+            excess(&table, &smooth)
+        );
         let mut lamp = smooth.clone();
         lamp.texels[100 * 512 + 300] = Vec3::splat(1e5);
         let table = DirectionTable::new(&lamp);

@@ -96,8 +96,10 @@ impl Material {
     }
 }
 
-/// Below this roughness reflections differ from pixel to pixel; with a normal map, below the second.
-const GLOSSY_ROUGHNESS: [f32; 2] = [0.5, 0.7];
+/// Below this roughness reflections differ from pixel to pixel.
+const GLOSSY_ROUGHNESS: f32 = 0.5;
+/// The part of a material that has to be so smooth.
+const GLOSSY_PART: f32 = 0.2;
 
 impl Material {
     /// Whether samples are too sparse for its reflections: a good part of it is smooth, or it is a bumpy metal. Layers and glass are not: what pixels expect is a single lobe over an opaque base.

@@ -471,7 +471,8 @@ fn emitters() {
         };
         lights.lights = (0..14).map(ring).chain(self::lights()).collect();
         let exact = Case { paths: 100, ..Case::new("more lights than are all asked", lights, dark()) };
-        let grid = Case { grid: Some(120), ..case("one lamp, on a grid", room(matt(0.7), matt(0.4)), dark()) };
+        let grid =
+            Case { grid: Some(120), ..case("one lamp, on a grid", room(matt(0.7), matt(0.4)), dark()) };
         vec![
             case("one lamp", room(matt(0.7), glossy), dark()),
             grid,
