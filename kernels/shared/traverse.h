@@ -250,9 +250,6 @@ static uint random_of_hit(uint place, float3 d, uint seed)
 #if HAS_ALPHA
 static float hit_alpha(const Scene *scene, uint place, uint packed, float3 weights);
 
-// The seed with which a ray passes all that lets half of the light or more through, instead of some by chance.
-#define PASS_BY_HALF 0xfffffffeu
-
 static bool passes_by_chance(float clear, uint seed, uint random) { return seed == PASS_BY_HALF ? clear >= 0.5f : fraction(random) < clear; }
 
 // A surface with alpha lets this ray pass: below the cutoff, or by chance where it blends.
@@ -432,4 +429,7 @@ __attribute__((noinline)) static bool trace_ray(const Scene *scene, float3 origi
         link = links[depth];
     }
 }
-#endif
+#endif// The seed with which a ray passes all that lets half of the light or more through, instead of some by chance.
+#define PASS_BY_HALF 0xfffffffeu
+
+
