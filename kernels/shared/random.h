@@ -2,6 +2,9 @@
 // from one long sequence in the order of the samples: since neighbours in the image are neighbours
 // in that order, what a filter averages is stratified as a whole (Ahmed and Wonka 2020).
 
+// The seed with which a ray passes all that lets half of the light or more through, instead of some by chance.
+#define PASS_BY_HALF 0xfffffffeu
+
 static uint hash(uint x)
 {
     x ^= x >> 16;

@@ -429,7 +429,4 @@ __attribute__((noinline)) static bool trace_ray(const Scene *scene, float3 origi
         link = links[depth];
     }
 }
-#endif// The seed with which a ray passes all that lets half of the light or more through, instead of some by chance.
-#define PASS_BY_HALF 0xfffffffeu
-
-
+#endif
