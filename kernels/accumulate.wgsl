@@ -88,6 +88,10 @@ const UNNOTICED = 0.03;
 const TELLING = 6.0;
 // Surfaces must agree at least so much somewhere for their history to count.
 const LEAST_AGREEMENT = 0.3;
+// Estimates at most that a mean holds on surfaces that move: their light changes as they do.
+const MOVING_LONGEST = 4.0;
+// In `VisibilityRecord.mapped`: the surface moves.
+const SURFACE_MOVES = 0x1000000u;
 // Square of a distance in pixels below which samples count as at the same place.
 const SAME_PLACE = 0.01;
 
@@ -265,9 +269,9 @@ fn brightness_around(index: u32, point: Point) -> f32 {
 }
 
 // The means of brightness with one more value; where they tell that light has changed, all estimates begin anew.
-fn followed(last: History, value: f32) -> History {
+fn followed(last: History, value: f32, longest: f32) -> History {
     var history = last;
-    let rate = 1.0 / (min(last.diffuse_age, parameters.longest) + 1.0);
+    let rate = 1.0 / (min(last.diffuse_age, longest) + 1.0);
     let off = value - last.slow;
     history.fast = mix(last.fast, value, max(FAST_RATE, rate));
     history.slow = mix(last.slow, value, rate);
@@ -307,7 +311,10 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let normal = unpack_normal24(second.w);
     let width = parameters.pixel_width * depth;
     let here = Point(vec2<f32>(at), point_at(parameters.rays, f32(at.x), f32(at.y), depth), normal, width);
-    let roughness = roughness_of(visibility[at.y * parameters.width + at.x]);
+    let seen = visibility[at.y * parameters.width + at.x];
+    let roughness = roughness_of(seen);
+    let moves = (seen.mapped & SURFACE_MOVES) != 0u;
+    let longest = select(parameters.longest, min(parameters.longest, MOVING_LONGEST), moves);
     let sun_centre = second.w >> 24u & 1u;
 
     let back = sources[0].last.offset.xyz;
@@ -319,11 +326,11 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let value = brightness_around(id.x, here);
     var history = History(0.0, 0.0, value, value, 0.0, -1.0, vec2(0.0));
     if found.weight > 0.0 {
-        history = followed(found.history, value);
+        history = followed(found.history, value, longest);
         history.specular_age *= alike_reflection(here.point, back, roughness);
     }
-    let diffuse_age = min(history.diffuse_age + 1.0 + lent.weight, parameters.longest);
-    let specular_age = min(history.specular_age + 1.0 + lent_specular, parameters.longest);
+    let diffuse_age = min(history.diffuse_age + 1.0 + lent.weight, longest);
+    let specular_age = min(history.specular_age + 1.0 + lent_specular, longest);
     let own_sun = f32(second.w >> 25u) / 127.0;
     let light = (bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / (1.0 + lent.weight);
     let gloss = (bitcast<vec3<f32>>(second.xyz) + lent_specular * lent.second) / (1.0 + lent_specular);

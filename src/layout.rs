@@ -81,12 +81,14 @@ macro_rules! shared_structs {
 }
 
 /// Constants that kernels share.
-fn constants() -> [(&'static str, u32); 22] {
+fn constants() -> [(&'static str, u32); 24] {
     [
         ("LEAF", crate::bvh::wide::LEAF),
         ("EMPTY", crate::bvh::wide::EMPTY),
         ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
+        ("TRIANGLE_MOVES", TRIANGLE_MOVES),
+        ("SURFACE_MOVES", SURFACE_MOVES),
         ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
@@ -112,6 +114,10 @@ fn constants() -> [(&'static str, u32); 22] {
 pub const TRIANGLE_ALPHA: u32 = 1 << 26;
 /// Seen from behind too.
 pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+/// It is elsewhere in other frames.
+pub const TRIANGLE_MOVES: u32 = 1 << 28;
+/// In [`VisibilityRecord::mapped`]: what is seen is elsewhere in other frames.
+pub const SURFACE_MOVES: u32 = 1 << 24;
 /// In [`HitRecord::triangle`]: nothing was traced here, and nobody may follow it.
 pub const UNTRACED: u32 = u32::MAX - 1;
 /// In [`VisibilityRecord::normal`]: the sun's centre is visible.
@@ -180,7 +186,8 @@ pub struct VisibilityRecord {
     pub surface: u32,
     /// Emitted radiance, or the background's: see [`pack_emission`].
     pub emission: u32,
-    /// World-space normal with the surface's normal map, packed as `normal`; the same one without a map.
+    /// World-space normal with the surface's normal map, packed as `normal`; the same one without a map. Bit 24 is
+    /// [`SURFACE_MOVES`].
     pub mapped: u32,
     /// On glossy surfaces, what the pixel expects to mirror: specular light divided by F0 as in [`SampleRecord`], from
     /// the environment filtered for its own normal and roughness, and where it is smooth from a ray of its own. Packed
@@ -266,7 +273,8 @@ pub struct Shading {
 /// A triangle's vertices and material, in leaf order: 16 bytes.
 ///
 /// The last word: bits 0..20 the material, 20..23 the lane in its leaf, 23..26 the leaf's number of
-/// triangles less one, 26 [`TRIANGLE_ALPHA`], 27 [`TRIANGLE_DOUBLE_SIDED`].
+/// triangles less one, 26 [`TRIANGLE_ALPHA`], 27 [`TRIANGLE_DOUBLE_SIDED`], 28
+/// [`TRIANGLE_MOVES`].
 pub struct Triangle {
     /// Vertex indices.
     pub vertices: [u32; 3],

@@ -187,6 +187,8 @@ typedef struct {
 #define EMPTY 0xffffffffu
 #define TRIANGLE_ALPHA 0x4000000u
 #define TRIANGLE_DOUBLE_SIDED 0x8000000u
+#define TRIANGLE_MOVES 0x10000000u
+#define SURFACE_MOVES 0x1000000u
 #define UNTRACED 0xfffffffeu
 #define SUN_VISIBLE 0x80000000u
 #define CACHE_CELLS 0x40000u

@@ -17,6 +17,8 @@ pub const UNNOTICED: f64 = 0.03;
 pub const TELLING: f64 = 6.0;
 /// Least agreement of surfaces.
 pub const LEAST_AGREEMENT: f64 = 0.3;
+/// Estimates at most that a mean holds on surfaces that move.
+pub const MOVING_LONGEST: f64 = 4.0;
 /// Square of a distance in pixels that counts as none.
 pub const SAME_PLACE: f64 = 0.01;
 
@@ -37,6 +39,8 @@ pub struct Sample {
     pub sun: (f64, bool),
     /// The surface's perceptual roughness, 0 to 1.
     pub roughness: f64,
+    /// It is elsewhere in other frames.
+    pub moves: bool,
 }
 
 /// What is known of a sample besides its light.
@@ -105,19 +109,20 @@ fn one(
     let lent = other.and_then(|kept| look_across(kept, view, &sample, point, settings));
     let (lent_light, lent_gloss, lent_weight, lent_gloss_weight) = lent.unwrap_or_default();
     let value = brightness_around(view, fresh, index, settings);
+    let longest = if sample.moves { settings.longest.min(MOVING_LONGEST) } else { settings.longest };
     let mut history = History { ages: [0.0; 2], fast: value, slow: value, variance: 0.0 };
     let mut before = (sample.diffuse, sample.specular, None);
     if let Some((diffuse, specular, sun, old)) =
         last.and_then(|kept| look_back(kept, view, &sample, point, settings))
     {
-        history = followed(&old, value, settings.longest);
+        history = followed(&old, value, longest);
         let offset = last.map_or(DVec3::ZERO, |kept| offset(view, &kept.view));
         history.ages[1] *= alike_reflection(point, offset, sample.roughness);
         before = (diffuse, specular, sun);
     }
     let ages = [
-        (history.ages[0] + 1.0 + lent_weight).min(settings.longest),
-        (history.ages[1] + 1.0 + lent_gloss_weight).min(settings.longest),
+        (history.ages[0] + 1.0 + lent_weight).min(longest),
+        (history.ages[1] + 1.0 + lent_gloss_weight).min(longest),
     ];
     let light = (sample.diffuse + lent_light * lent_weight) / (1.0 + lent_weight);
     let gloss = (sample.specular + lent_gloss * lent_gloss_weight) / (1.0 + lent_gloss_weight);
@@ -338,7 +343,16 @@ mod tests {
                 let depth = (-4.0 - view.world_from_eye.position.z) / direction.z;
                 let place = view.world_from_eye.position + direction * depth;
                 let (diffuse, specular) = (DVec3::splat(light(place)), DVec3::ZERO);
-                Sample { at, diffuse, specular, depth, normal: DVec3::Z, sun: (1.0, true), roughness: 1.0 }
+                Sample {
+                    at,
+                    diffuse,
+                    specular,
+                    depth,
+                    normal: DVec3::Z,
+                    sun: (1.0, true),
+                    roughness: 1.0,
+                    moves: false,
+                }
             })
             .collect()
     }

@@ -368,6 +368,9 @@ pub(super) fn pack_material_of(scene: &Scene, triangle: usize) -> u32 {
     if properties.double_sided {
         packed |= layout::TRIANGLE_DOUBLE_SIDED;
     }
+    if scene.motion.as_ref().is_some_and(|motion| triangle >= motion.first_triangle(&scene.mesh)) {
+        packed |= layout::TRIANGLE_MOVES;
+    }
     packed
 }
 

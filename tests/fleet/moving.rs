@@ -169,3 +169,48 @@ fn trees_of_a_moving_scene_are_sound() {
     let fresh = WideBvh::build(&mesh.positions, &mesh.triangles);
     assert!(loaded.bvh.cost().sum() < 1.6 * fresh.cost().sum() + 2.0);
 }
+
+/// Light that is reused over time does not lag behind what moves: frames come nearer to the truth with it than without,
+/// where things move and where they stay under light that moves.
+#[test]
+fn reuse_over_time_does_no_harm_to_what_moves() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(true).write_glb(folder.path());
+    const FRAMES: u32 = 12;
+    const PERIOD: f64 = 1.0 / 30.0;
+    let end = f64::from(FRAMES - 1) * PERIOD;
+    let settings = |time: f64, reuse: bool, rays: u32| {
+        let mut config = settings(time);
+        (config.trace.indirect, config.time.reuse, config.trace.rays) = (Indirect::Paths, reuse, rays);
+        config
+    };
+    let last = |reuse: bool| {
+        let mut renderer = moving(&path, &device, &context, &settings(0.3, reuse, 8));
+        for frame in 0..FRAMES {
+            renderer.show_at(f64::from(frame) * PERIOD);
+            renderer.frame(&plan(), &[], frame).unwrap();
+        }
+        let picture: Vec<f32> = bytemuck::cast_slice(&renderer.picture().unwrap()).to_vec();
+        (picture, renderer.depths(0))
+    };
+    let (reused, depths) = last(true);
+    let (single, _) = last(false);
+    let (truth, _) = seen(&mut still(&path, &device, &context, &settings(0.3 + end, false, 1024)));
+    let (_, before) = seen(&mut still(&path, &device, &context, &settings(0.3 + end - PERIOD, false, 8)));
+    let moved: Vec<bool> =
+        depths.iter().zip(&before).map(|(a, b)| (a - b).abs() > 1e-4 * a.abs().max(b.abs())).collect();
+    assert!(moved.iter().filter(|&&moved| moved).count() > 300);
+    for place in [true, false] {
+        let error = |picture: &[f32]| {
+            let tone = |v: f32| f64::from(v / (1.0 + v));
+            let pixel = |i: usize| {
+                (0..3).map(|c| (tone(picture[4 * i + c]) - tone(truth[4 * i + c])).powi(2)).sum::<f64>()
+            };
+            (0..moved.len()).filter(|&i| moved[i] == place).map(pixel).sum::<f64>()
+        };
+        let (with, without) = (error(&reused), error(&single));
+        assert!(with < without, "moved: {place}: {with} {without}");
+    }
+}

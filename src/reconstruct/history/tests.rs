@@ -76,7 +76,13 @@ fn as_reference(record: &SampleRecord, packed: u32) -> Sample {
         normal: DVec3::from(crate::layout::unpack_normal24(record.normal).map(f64::from)),
         sun: (f64::from(record.normal >> 25) / 127.0, record.normal >> 24 & 1 == 1),
         roughness: 1.0,
+        moves: moves(packed & 0xffff, packed >> 16),
     }
+}
+
+/// Which pixels see what moves.
+fn moves(x: u32, y: u32) -> bool {
+    (x / 8 + y / 8) % 4 == 0
 }
 
 fn fetch<T: Pod>(context: &Context, from: &BufferRef, count: usize) -> Vec<T> {
@@ -100,7 +106,10 @@ fn submit(
     let samples = HostBuffer::new(&context, size_of_val(records)).unwrap();
     samples.write(0, records);
     let rough = VisibilityRecord { surface: 4095 << 20, ..VisibilityRecord::default() };
-    let pixels = vec![rough; (SIZE.0 * SIZE.1) as usize];
+    let moving = VisibilityRecord { mapped: crate::layout::SURFACE_MOVES, ..rough };
+    let pixels: Vec<VisibilityRecord> = (0..SIZE.0 * SIZE.1)
+        .map(|pixel| if moves(pixel % SIZE.0, pixel / SIZE.0) { moving } else { rough })
+        .collect();
     let visibility = HostBuffer::new(&context, size_of_val(&pixels[..])).unwrap();
     visibility.write(0, &pixels);
     let image = Image::new(&context, Format::R8G8B8A8_UNORM, SIZE.0, SIZE.1).unwrap();
