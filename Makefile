@@ -91,7 +91,7 @@ dist: ## Build a tar.gz and a .deb for other machines into out/dist
 	scripts/dist.sh
 
 .PHONY: test-faults
-test-faults: ## Kill it at each rename, fill disks, take memory away, lose devices and runtimes; ARGS=renames chooses among the first
+test-faults: ## Kill it at renames, fill disks, take memory away, lose devices and runtimes; ARGS=renames chooses among the first
 	@$(need_cargo)
 	scripts/install-packages.sh test
 	cargo build

@@ -89,7 +89,7 @@ const TELLING = 6.0;
 // Surfaces must agree at least so much somewhere for their history to count.
 const LEAST_AGREEMENT = 0.3;
 // Estimates at most that a mean holds on surfaces that move: their light changes as they do.
-const MOVING_LONGEST = 4.0;
+const MOVING_LONGEST = 1.0;
 // In `VisibilityRecord.mapped`: the surface moves.
 const SURFACE_MOVES = 0x1000000u;
 // Square of a distance in pixels below which samples count as at the same place.

@@ -18,7 +18,7 @@ pub const TELLING: f64 = 6.0;
 /// Least agreement of surfaces.
 pub const LEAST_AGREEMENT: f64 = 0.3;
 /// Estimates at most that a mean holds on surfaces that move.
-pub const MOVING_LONGEST: f64 = 4.0;
+pub const MOVING_LONGEST: f64 = 1.0;
 /// Square of a distance in pixels that counts as none.
 pub const SAME_PLACE: f64 = 0.01;
 

@@ -161,7 +161,7 @@ mod tests {
         let toward = Vec3::new(0.6, 0.64, -0.48);
         let lights: [(f32, &(dyn Fn(Vec3) -> Vec3 + Sync)); 2] = [
             // What half a texel changes.
-            (0.07, &|d| Vec3::ONE + d * 0.9),
+            (0.1, &|d| Vec3::ONE + d * 0.9),
             (0.2, &|d| Vec3::splat(if d.dot(toward) > 0.95 { 20.0 } else { 0.3 })),
         ];
         for (allowed, light) in lights {

