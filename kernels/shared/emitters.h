@@ -31,7 +31,11 @@ static float node_importance(__global const LightNode *node, float3 p, float3 n)
     return node->power * leaves * arrives / max(distance2, max(radius2, 1.0e-12f));
 }
 
-// Share of a surface's light rays that are aimed at emitters: by what they may send it, against an open sky.
+// Bounds of the share of a surface's light rays that are aimed at emitters: the sky may be hidden from it, and emitters may.
+#define LEAST_EMITTER_SHARE 0.03125f
+#define MOST_EMITTER_SHARE 0.5f
+
+// That share: by what emitters may send the surface, against an open sky.
 static float emitter_share(const Scene *scene, const Shading *shading, const Surface *s)
 {
     if (shading->light_nodes == 0u)
@@ -39,7 +43,7 @@ static float emitter_share(const Scene *scene, const Shading *shading, const Sur
     float emitted = node_importance(scene->light_nodes, s->position, s->normal) / PI;
     if (!(emitted > 0.0f))
         return 0.0f;
-    return clamp(0.5f * emitted / (emitted + shading->environment_irradiance), 0.03125f, 0.5f);
+    return max(MOST_EMITTER_SHARE * emitted / (emitted + shading->environment_irradiance), LEAST_EMITTER_SHARE);
 }
 
 // The chance that the first of a node's children is taken; negative where neither sends anything.
@@ -78,7 +82,8 @@ static uint choose_emitter(const Scene *scene, float3 p, float3 n, Descent *way,
         if (first < 0.0f)
             return NONE;
         float border = mix(lower, upper, first);
-        bool takes_first = u < border;
+        // Where rounding leaves a gap below `upper`, nothing may be chosen that has no chance.
+        bool takes_first = first >= 1.0f || u < border;
         node = takes_first ? node + 1u : link;
         so_far *= takes_first ? first : 1.0f - first;
         lower = takes_first ? lower : border;

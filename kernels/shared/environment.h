@@ -5,20 +5,28 @@ static float2 environment_uv(float3 d)
     return (float2)(0.5f + half_turns(d.x, -d.z) * 0.5f, half_turns(sqrt(fma(d.x, d.x, d.z * d.z)), d.y));
 }
 
-// Bilinear radiance of the map.
-static float3 environment_radiance(const Scene *scene, const Shading *shading, float3 d)
+// The four texels around some coordinates of a latitude-longitude map, by their places in it: upper left, upper right, lower
+// left, lower right; columns meet at the seam. `share` is how far the place is towards the right and the lower ones.
+static uint4 texels_around(float2 uv, int width, int height, float2 *share)
 {
-    int width = (int)shading->environment_width, height = (int)shading->environment_height;
-    float2 at = environment_uv(d) * (float2)((float)width, (float)height) - 0.5f;
-    float2 base = floor(at), f = at - base;
+    float2 at = uv * (float2)((float)width, (float)height) - 0.5f, base = floor(at);
+    *share = at - base;
     int x0 = (int)base.x, y0 = (int)base.y;
     int x1 = x0 + 1 >= width ? 0 : x0 + 1;
     x0 = x0 < 0 ? width - 1 : x0;
     int y1 = min(y0 + 1, height - 1);
     y0 = max(y0, 0);
-    float3 a = gload3(scene->environment[y0 * width + x0].radiance), b = gload3(scene->environment[y0 * width + x1].radiance);
-    float3 c = gload3(scene->environment[y1 * width + x0].radiance), d1 = gload3(scene->environment[y1 * width + x1].radiance);
-    return mix(mix(a, b, f.x), mix(c, d1, f.x), f.y);
+    return (uint4)((uint)(y0 * width + x0), (uint)(y0 * width + x1), (uint)(y1 * width + x0), (uint)(y1 * width + x1));
+}
+
+// Bilinear radiance of the map.
+static float3 environment_radiance(const Scene *scene, const Shading *shading, float3 d)
+{
+    float2 f;
+    uint4 at = texels_around(environment_uv(d), (int)shading->environment_width, (int)shading->environment_height, &f);
+    float3 a = gload3(scene->environment[at.x].radiance), b = gload3(scene->environment[at.y].radiance);
+    float3 c = gload3(scene->environment[at.z].radiance), e = gload3(scene->environment[at.w].radiance);
+    return mix(mix(a, b, f.x), mix(c, e, f.x), f.y);
 }
 
 // The cell of the table of directions at some coordinates of the map.

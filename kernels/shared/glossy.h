@@ -12,17 +12,11 @@ static float3 glossy_level(const Scene *scene, const Shading *shading, uint leve
 {
     if (level == 0u)
         return environment_radiance(scene, shading, d);
-    int width = (int)GLOSSY_WIDTH[level], height = width / 2;
+    int width = (int)GLOSSY_WIDTH[level];
     __global const float4 *texels = scene->glossy + GLOSSY_FIRST[level];
-    float2 at = uv * (float2)((float)width, (float)height) - 0.5f;
-    float2 base = floor(at), f = at - base;
-    int x0 = (int)base.x, y0 = (int)base.y;
-    int x1 = x0 + 1 >= width ? 0 : x0 + 1;
-    x0 = x0 < 0 ? width - 1 : x0;
-    int y1 = min(y0 + 1, height - 1);
-    y0 = max(y0, 0);
-    return mix(mix(texels[y0 * width + x0].xyz, texels[y0 * width + x1].xyz, f.x),
-               mix(texels[y1 * width + x0].xyz, texels[y1 * width + x1].xyz, f.x), f.y);
+    float2 f;
+    uint4 at = texels_around(uv, width, width / 2, &f);
+    return mix(mix(texels[at.x].xyz, texels[at.y].xyz, f.x), mix(texels[at.z].xyz, texels[at.w].xyz, f.x), f.y);
 }
 
 static float3 glossy_radiance(const Scene *scene, const Shading *shading, float3 d, float roughness)

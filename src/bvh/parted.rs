@@ -386,8 +386,7 @@ mod tests {
             let first = parted.parts.first().map_or(0, |part| part.first_place * 9);
             assert_eq!(own, leaves[first..first + own.len()]);
             // Another tree over the same triangles takes the place of a part's.
-            for part in 0..parted.parts.len().min(3) {
-                let range = parts[part].clone();
+            for (part, range) in parts.iter().enumerate().take(parted.parts.len().min(3)) {
                 let anew = WideBvh::build_whole(&moved, &triangles[range.clone()]);
                 let (grown, least) = (parted.parts[part].cost(), anew.cost().sum());
                 if parted.replace(part, anew, range.start) {

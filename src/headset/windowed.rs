@@ -184,7 +184,7 @@ impl Windowed {
 
 impl Headset for Windowed {
     fn next_frame(&mut self) -> Outcome<Next> {
-        let moment = match self.window.next()? {
+        let moment = match self.window.next_look()? {
             Look::Moment(moment) => moment,
             Look::Pause => return Ok(Next::Pause),
             Look::End => return Ok(Next::End),

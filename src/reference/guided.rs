@@ -284,7 +284,7 @@ impl Guided<'_> {
     /// The radiance of what a pixel's own record describes.
     pub fn guided_radiance(&self, prepared: &[Prepared], at: [u32; 2], thorough: bool) -> DVec3 {
         let record = self.record(at);
-        if !(record.depth > 0.0) {
+        if record.depth.is_nan() || record.depth <= 0.0 {
             return emission(record.emission);
         }
         let surface = self.surface(at);
@@ -383,7 +383,7 @@ impl Guided<'_> {
         let mut found = self.traced_pixel(direction);
         for _ in 0..steps {
             let depth = f64::from(self.record(found).depth);
-            if !(depth > 0.0) {
+            if depth.is_nan() || depth <= 0.0 {
                 return found;
             }
             let along = ahead.dot(self.point_at(found, depth) - offset).max(1e-3);

@@ -12,8 +12,15 @@ use super::environment::{Environment, direction_from_uv, uv_from_direction};
 pub const LEVELS: [(f32, u32); 7] =
     [(0.1, 512), (0.2, 256), (0.3, 128), (0.45, 64), (0.6, 64), (0.8, 32), (1.0, 32)];
 
-/// Directions that a texel averages.
-const DIRECTIONS: u32 = 64;
+/// Directions that a texel averages: more where a lobe is wide, since each reads a map that is as coarse as they are
+/// sparse, and too coarse a map widens the lobe.
+fn directions(roughness: f32) -> u32 {
+    match roughness {
+        r if r < 0.15 => 64,
+        r if r < 0.4 => 256,
+        _ => 1024,
+    }
+}
 
 /// All levels one after the other, row by row: the radiance that a surface of that roughness, seen along its
 /// normal, reflects of the map where nothing hides it (Karis 2013), without the sun. Directions follow GGX's
@@ -34,19 +41,19 @@ pub fn prefiltered(map: &Environment) -> Vec<[f32; 4]> {
 
 /// Directions around +Z, each with its weight and its share of the sphere's solid angle.
 fn lobe(roughness: f32) -> Vec<(Vec3, f32, f32)> {
-    let square = roughness.powi(4);
+    let (square, count) = (roughness.powi(4), directions(roughness));
     let direction = |i: u32| {
         // A Hammersley set of GGX's normals h, mirrored: l = 2 (z.h) h - z.
-        let u = (i as f32 + 0.5) / DIRECTIONS as f32;
+        let u = (i as f32 + 0.5) / count as f32;
         let phi = TAU * (i.reverse_bits() as f32 / 4_294_967_296.0);
         let cos = ((1.0 - u) / (1.0 + (square - 1.0) * u)).sqrt();
         let sin = (1.0 - cos * cos).max(0.0).sqrt();
         let h = Vec3::new(sin * phi.cos(), sin * phi.sin(), cos);
         let density = square / (PI * (1.0 + (square - 1.0) * cos * cos).powi(2)) / 4.0;
         let l = h * (2.0 * h.z) - Vec3::Z;
-        (l, l.z, 1.0 / (DIRECTIONS as f32 * density))
+        (l, l.z, 1.0 / (count as f32 * density))
     };
-    (0..DIRECTIONS).map(direction).filter(|&(_, weight, _)| weight > 0.0).collect()
+    (0..count).map(direction).filter(|&(_, weight, _)| weight > 0.0).collect()
 }
 
 fn average(pyramid: &Pyramid, axis: Vec3, lobe: &[(Vec3, f32, f32)]) -> Vec3 {
@@ -166,9 +173,8 @@ mod tests {
     fn levels_are_the_lobes_integrals() {
         let toward = Vec3::new(0.6, 0.64, -0.48);
         let lights: [(f32, &(dyn Fn(Vec3) -> Vec3 + Sync)); 2] = [
-            // So few directions leave as much on rough lobes; samples make up for it.
-            (0.12, &|d| Vec3::ONE + d * 0.9),
-            (0.25, &|d| Vec3::splat(if d.dot(toward) > 0.95 { 20.0 } else { 0.3 })),
+            (0.03, &|d| Vec3::ONE + d * 0.9),
+            (0.2, &|d| Vec3::splat(if d.dot(toward) > 0.95 { 20.0 } else { 0.3 })),
         ];
         for (allowed, light) in lights {
             let texels = prefiltered(&map(256, light));

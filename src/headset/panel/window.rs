@@ -152,7 +152,7 @@ impl PanelWindow {
     ///
     /// # Errors
     /// Where the window, the desktop or a device is lost.
-    pub fn next(&mut self) -> Result<Look> {
+    pub fn next_look(&mut self) -> Result<Look> {
         let status = self.event_loop.pump_app_events(Some(LOOK), &mut self.shower);
         if let Some(outcome) = self.shower.ended.take() {
             self.shower.ended = Some(Ok(()));

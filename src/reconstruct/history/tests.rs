@@ -82,7 +82,7 @@ fn as_reference(record: &SampleRecord, packed: u32) -> Sample {
 
 /// Which pixels see what moves.
 fn moves(x: u32, y: u32) -> bool {
-    (x / 8 + y / 8) % 4 == 0
+    (x / 8 + y / 8).is_multiple_of(4)
 }
 
 fn fetch<T: Pod>(context: &Context, from: &BufferRef, count: usize) -> Vec<T> {
