@@ -366,3 +366,25 @@ fn frames_at_rest_hold_still_and_a_switch_makes_them_stand_alone() {
     assert!(settled > noisy + 6.0, "{noisy} {settled}");
     assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
 }
+
+/// Half the light rays where the view stays, all of them at first, after a turn, and for frames that stand alone.
+#[test]
+fn frames_at_rest_send_fewer_rays_and_moving_ones_all() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let mut config = config(Method::Guided, Samples::Count(3000), 32);
+    let plan = |yaw: f64| {
+        let mut eye = view(&loaded);
+        eye.world_from_eye.rotation *= DQuat::from_rotation_y(yaw);
+        Plan::mono(eye)
+    };
+    let mut rays = |rays: u32, reuse: bool| -> Vec<u64> {
+        (config.trace.rays, config.time) = (rays, TimeConfig { reuse, ..TimeConfig::default() });
+        let mut renderer = renderer(&machine, &loaded, &config);
+        let turns = [0.0, 0.0, 0.001, 0.031, 0.0315];
+        turns.iter().map(|&yaw| renderer.frame(&plan(yaw), &[], 1).unwrap().rays).collect()
+    };
+    let (all, half, reused) = (rays(32, false), rays(16, false), rays(32, true));
+    assert!(all.iter().zip(&half).all(|(all, half)| all > half));
+    assert_eq!(reused, [all[0], half[1], half[2], all[3], half[4]], "of {all:?} and {half:?}");
+}

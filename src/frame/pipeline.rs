@@ -341,7 +341,7 @@ impl Renderer {
         let job = Job {
             index,
             view: *view,
-            settings: trace::Settings { seed, cached, rays: self.rays_of(index), ..self.settings },
+            settings: trace::Settings { seed, cached, rays: self.rays_of(index, view), ..self.settings },
             light: self.light,
             state: self.state.clone(),
             pattern: traced.pattern.clone(),
@@ -481,10 +481,10 @@ impl Renderer {
     }
 
     /// Light rays of each of a view's samples: fewer where earlier frames have sent some for it.
-    fn rays_of(&self, index: usize) -> u32 {
+    fn rays_of(&self, index: usize, view: &View) -> u32 {
         let rays = self.settings.rays;
         let part = (f64::from(rays) * self.rays_with_history).ceil() as u32;
-        if self.reconstruction.remembers(index) { part.clamp(1, rays) } else { rays }
+        if self.reconstruction.remembers(index, view) { part.clamp(1, rays) } else { rays }
     }
 
     /// The tracing devices.

@@ -40,6 +40,9 @@ pub(super) struct History {
     sources: Option<HostBuffer>,
 }
 
+/// From frame to frame a view has hardly moved within so many metres and radians: less than 20 degrees a second at 90 Hz.
+const NEAR: (f64, f64) = (2e-3, 3.5e-3);
+
 /// A frame's samples as they are looked up later.
 #[derive(Clone)]
 struct Kept {
@@ -191,9 +194,13 @@ impl Accumulate {
 /// What one eye's newest frame lends to the other.
 pub(super) struct Other(Kept);
 impl History {
-    /// Whether the next frame finds one before it.
-    pub fn is_kept(&self) -> bool {
-        self.last.is_some()
+    /// Whether the next frame of a view finds one before it, seen from nearly the same place.
+    pub fn is_near(&self, view: &View) -> bool {
+        self.last.as_ref().is_some_and(|kept| {
+            let (now, then) = (view.world_from_eye, kept.view.world_from_eye);
+            now.position.distance(then.position) < NEAR.0
+                && now.rotation.angle_between(then.rotation) < NEAR.1
+        })
     }
 
     /// The next frame finds nothing.

@@ -332,9 +332,10 @@ impl Reconstruction {
         self.views.iter_mut().for_each(|state| state.history.forget());
     }
 
-    /// Whether the next frame of a view takes light from one before it.
-    pub fn remembers(&self, view: usize) -> bool {
-        self.views.get(view).is_some_and(|state| state.history.is_kept())
+    /// Whether the next frame of the `index`-th view takes light from one before it that was seen from nearly the same
+    /// place.
+    pub fn remembers(&self, index: usize, view: &View) -> bool {
+        self.views.get(index).is_some_and(|state| state.history.is_near(view))
     }
 
     /// How many samples of a view's last frame that was waited for were not finite and were left out.

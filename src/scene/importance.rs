@@ -394,7 +394,8 @@ mod tests {
 
     #[test]
     fn smooth_maps_have_few_cells_and_small_lamps_their_own() {
-        let smooth = map(512, 256, |x, y| 2.0 + (x as f32 / 512.0 * std::f32::consts::TAU).sin() + y as f32 / 256.0);
+        let smooth =
+            map(512, 256, |x, y| 2.0 + (x as f32 / 512.0 * std::f32::consts::TAU).sin() + y as f32 / 256.0);
         let table = DirectionTable::new(&smooth);
         assert_eq!((table.width, table.height), (64, 32));
         assert!(
