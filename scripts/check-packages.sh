@@ -15,7 +15,7 @@ status=0
 wrong=0
 while read -r package old new; do
   release=$(. /etc/os-release && echo "${VERSION_CODENAME:-}")
-  if [[ -n $new ]] && apt-cache madison "$package" | grep -F "| $new |" | grep -q " $release[-/]\?"; then
+  if [[ -n $new ]] && [[ -n $(apt-cache madison "$package" | grep -F "| $new |" | grep " $release[-/]\?") ]]; then
     echo "check-packages: $package was updated from $old to $new within this release"
   else
     echo "check-packages: $package $old is ${new:-gone} now" >&2

@@ -66,7 +66,7 @@ trap 'rm -rf "$work"' EXIT
 export FOVEATE_TEST_DATA=$PWD/data XDG_CACHE_HOME=$work/cache HOME=${HOME:-$work}
 
 # A loader of our own only where the machine has none.
-has_library() { ldconfig -p 2>/dev/null | grep -q "$1" || ls /usr/lib/*/"$1"* /usr/lib64/"$1"* >/dev/null 2>&1; }
+has_library() { grep -q "$1" <<<"$(ldconfig -p 2>/dev/null)" || ls /usr/lib/*/"$1"* /usr/lib64/"$1"* >/dev/null 2>&1; }
 mkdir -p "$work/lib"
 for library in libOpenCL.so.1 libvulkan.so.1 libgcc_s.so.1 libudev.so.1; do
   if ! has_library "$library" && [[ -e lib/$library ]]; then cp "lib/$library" "$work/lib/"; fi

@@ -82,7 +82,10 @@ install_own() {
 # Whether apt would remove installed packages for one that is to be new: of those the user has newer ones.
 removes() {
   update
-  apt-get -s -qq install --no-install-recommends "$1" 2>/dev/null | grep -q '^Remv'
+  local plan
+  # Read whole: a reader that leaves early ends apt with a signal, which pipefail takes for a no.
+  plan=$(apt-get -s -qq install --no-install-recommends "$1" 2>/dev/null) || true
+  grep -q '^Remv' <<<"$plan"
 }
 
 missing=() tools=()

@@ -18,7 +18,7 @@ rusticl() {
   local into=$1 name
   local packages=(mesa-opencl-icd libllvm19 libclang-cpp19 libclang-common-19-dev libllvmspirvlib19.1 libclc-19 libclc-19-dev)
   command -v apt-get >/dev/null && command -v dpkg-deb >/dev/null || { say "rusticl: there is no apt here"; return 1; }
-  apt-cache madison mesa-opencl-icd 2>/dev/null | awk '{ print $3 }' | grep -q '^25' \
+  grep -q '^25' <<<"$(apt-cache madison mesa-opencl-icd 2>/dev/null | awk '{ print $3 }')" \
     || { say "rusticl: no Mesa 25 among apt's sources; it is in Debian 13's"; return 1; }
   local suite=()
   [[ ! -e /etc/apt/sources.list.d/foveate-trixie.list ]] || suite=(-t trixie)
@@ -50,7 +50,7 @@ intel() {
   for wheel in "$into"/wheels/*.whl; do python3 -m zipfile -e "$wheel" "$into/unpacked"; done
   rm -r "$into/wheels"
   local driver libraries
-  driver=$(find "$into/unpacked" -name libintelocl.so | head -n 1)
+  driver=$(find "$into/unpacked" -name libintelocl.so -print -quit)
   [[ -n "$driver" ]] || { say "Intel: the wheel holds no libintelocl.so"; return 1; }
   libraries=$(find "$into/unpacked" -name '*.so*' -printf '%h\n' | sort -u | paste -sd:)
   mkdir "$into/vendors"

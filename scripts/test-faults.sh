@@ -40,7 +40,7 @@ same() { # a folder of frames
 }
 no_parts() { # a folder
   local left
-  left=$(find "$1" -name '.foveate-*.part' 2>/dev/null | head -n 3)
+  left=$(find "$1" -name '.foveate-*.part' 2>/dev/null | awk 'NR <= 3')
   [[ -z $left ]] || fail "$2: left behind: $left"
 }
 # Everything that has its name is whole.
@@ -115,7 +115,7 @@ fault_foreign_cache() {
   local cache=$work/foreign file
   rm -rf "$cache"
   cp -r "$work/cache" "$cache"
-  file=$(find "$cache/foveate/trees" -name '*.tree' | head -n 1)
+  file=$(find "$cache/foveate/trees" -name '*.tree' -print -quit)
   [[ -n $file ]] || fail "no tree was kept"
   echo dear >"$work/dear"
   rm "$file" && ln -s "$work/dear" "$file"

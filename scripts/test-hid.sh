@@ -13,7 +13,7 @@ scripts/install-packages.sh hid
 . scripts/places.sh
 export PATH="$tools_folder/bin:$PATH"
 
-package=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: \(linux-image-[0-9].*\)/\1/p' | head -n 1)
+package=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: \(linux-image-[0-9].*\)/\1/p' | awk 'NR == 1')
 [[ -n "$package" ]] || { say "no package linux-image-amd64 is known here; run it on Debian (amd64)."; exit 1; }
 
 folder="$PWD/target/hid/$package"
@@ -22,7 +22,7 @@ if [[ ! -e "$folder/vmlinuz" ]]; then
   rm -rf "$folder" && mkdir -p "$folder/new"
   (cd "$folder/new" && apt-get download -qq "$package" && dpkg-deb -x ./*.deb .)
   for name in usb-common usbcore hid usbhid hid-generic usbip-core vhci-hcd; do
-    module=$(find "$folder/new" -name "$name.ko*" | head -n 1)
+    module=$(find "$folder/new" -name "$name.ko*" -print -quit)
     case "$module" in
       '') ;; # It is built in.
       *.xz) xz -dc "$module" >"$folder/$name.ko" ;;

@@ -58,7 +58,7 @@ start() {
   ) &
   client=$!
   wait_for_frames 6
-  head -n 6 "$log" | grep -q "$idle" && fail "a device had nothing to do although both servers answered"
+  grep -q "$idle" <<<"$(head -n 6 "$log")" && fail "a device had nothing to do although both servers answered"
   return 0
 }
 
@@ -122,8 +122,8 @@ kill -STOP "${servers[1]}"
 wait_for_frames $((frames - 12))
 kill -CONT "${servers[1]}"
 finish
-sed -n "7,$((frames - 12))p" "$log" | grep -q "$idle" || fail "both devices had work while one server was held up"
-tail -n 3 "$log" | grep -vq "$idle" || fail "a server that answered again got no work"
+grep -q "$idle" <<<"$(sed -n "7,$((frames - 12))p" "$log")" || fail "both devices had work while one server was held up"
+grep -vq "$idle" <<<"$(tail -n 3 "$log")" || fail "a server that answered again got no work"
 echo "test-remote: $frames frames, a server held up after frame 6 and back again, $compared pictures as one machine makes them alone."
 
 start
@@ -131,7 +131,7 @@ kill -9 "${servers[1]}"
 at=$(lines)
 [[ $at -lt $frames ]] || fail "the server was killed too late"
 finish
-tail -n 1 "$log" | grep -q "$idle" || fail "both devices had work after one server was killed"
+grep -q "$idle" <<<"$(tail -n 1 "$log")" || fail "both devices had work after one server was killed"
 echo "test-remote: $frames frames, a server killed after frame $at, $compared pictures as one machine makes them alone."
 
 start_alone
