@@ -338,6 +338,8 @@ pub struct HeadsetConfig {
     pub insets: bool,
     /// Pictures a second to ask the headset for; 0 for its own choice.
     pub refresh_hz: f64,
+    /// The hand that points and turns; the other one goes.
+    pub hand: Hand,
     /// How controllers move the wearer.
     pub walk: Walk,
     /// Metres per second of a smooth walk.
@@ -352,13 +354,23 @@ pub struct HeadsetConfig {
     pub depth: bool,
 }
 
+/// The hand that points and turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Hand {
+    /// As bindings usually are.
+    Right,
+    /// Everything is bound to the other hand.
+    Left,
+}
+
 /// How controllers move the wearer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Walk {
-    /// To where the right hand points.
+    /// To where the hand points that does.
     Teleport,
-    /// As the left stick is pushed.
+    /// As the other hand's stick is pushed.
     Smooth,
     /// Not at all.
     Off,
@@ -368,9 +380,9 @@ pub enum Walk {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Turn {
-    /// By a fixed angle at each push of the right stick.
+    /// By a fixed angle at each push of the stick in the hand that points.
     Snap,
-    /// As long as the right stick is pushed.
+    /// As long as that stick is pushed.
     Smooth,
     /// Not at all.
     Off,
@@ -384,6 +396,7 @@ impl Default for HeadsetConfig {
             eye_tracking: true,
             insets: true,
             refresh_hz: 0.0,
+            hand: Hand::Right,
             walk: Walk::Teleport,
             speed: 2.0,
             turn: Turn::Snap,

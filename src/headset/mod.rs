@@ -75,6 +75,14 @@ pub trait Headset {
     /// As [`Headset::next_frame`].
     fn end(&mut self, frame: &Frame, shown: Option<&[EyeView]>) -> Outcome<()>;
 
+    /// Ends a frame for which there is no new picture, though one is wanted: the last one stays.
+    ///
+    /// # Errors
+    /// As [`Headset::next_frame`].
+    fn hold(&mut self, frame: &Frame) -> Outcome<()> {
+        self.end(frame, None)
+    }
+
     /// Tells how long frames usually take from their beginning to their end.
     fn expect(&mut self, _usual: Duration) {}
 

@@ -197,7 +197,7 @@ impl<'a> FrameLoop<'a> {
     /// Ends a frame that shows nothing new.
     fn skip(&mut self, link: &mut Link, frame: &Frame) -> Outcome<()> {
         self.pace.skip();
-        link.headset.end(frame, None)
+        if frame.should_render { link.headset.hold(frame) } else { link.headset.end(frame, None) }
     }
 
     /// What is traced for eyes at a time, and where each view is sharp.

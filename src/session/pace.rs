@@ -44,6 +44,10 @@ impl Pace {
     /// be seen if what is left of the frame takes as long as usual. All views are corrected to one time, or
     /// two eyes would see two moments.
     pub fn ask(&mut self, asking: Asking, deadline: Deadline, now: i64) -> i64 {
+        if asking == Asking::Begin {
+            // Of a frame that was lost on its way nothing is asked any more.
+            self.asked.clear();
+        }
         let is_late = |asking| matches!(asking, Asking::Late(_));
         let first = self.asked.iter().find(|(before, ..)| is_late(asking) && is_late(*before));
         let time = match first {
@@ -138,6 +142,18 @@ mod tests {
         pace.end(deadline, 10 * PERIOD);
         let next = Deadline { time: 15 * PERIOD, ..deadline };
         assert_eq!(pace.ask(Asking::Late(1), next, 12 * PERIOD), 15 * PERIOD);
+    }
+
+    #[test]
+    fn a_frame_that_was_lost_leaves_no_time_behind() {
+        let mut pace = Pace::default();
+        let lost = Deadline { time: 5 * PERIOD, period: Some(PERIOD) };
+        pace.ask(Asking::Begin, lost, 4 * PERIOD);
+        pace.ask(Asking::Late(0), lost, 4 * PERIOD);
+        let next = Deadline { time: 300 * PERIOD, ..lost };
+        pace.ask(Asking::Begin, next, 299 * PERIOD);
+        assert_eq!(pace.ask(Asking::Late(0), next, 299 * PERIOD), 300 * PERIOD);
+        assert_eq!(pace.end(next, 299 * PERIOD).begin, Some(0.0));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Frames that are not to be rendered, come late, or have times that are none.
 
-use fake_runtime::script::{FrameRule, Script, Session};
+use fake_runtime::script::{FrameRule, Head, Script, Session};
 
 use super::{run, sessions};
 
@@ -51,6 +51,38 @@ fn times_that_are_none_stand_still_or_go_back_do_no_harm() {
             assert!(time > 0 && record.result() == "SUCCESS", "{record:?}");
         }
     }
+}
+
+/// What a runtime leaves in poses that it says are invalid is anything: views stay where they were, and are turned as
+/// is known.
+#[test]
+fn poses_that_are_undefined_are_not_believed() {
+    let first = vec![FrameRule { unplaced: true, ..rule(1, 4) }, FrameRule { unturned: true, ..rule(7, 9) }];
+    let lost = FrameRule { unplaced: true, unturned: true, ..rule(11, 13) };
+    let script = Script {
+        head: Head { position: [0.3, 0.1, -0.2], ..Head::default() },
+        ..with_frames(first.into_iter().chain([lost]).collect())
+    };
+    let Some(run) = run(&script, 16, "") else { return };
+    assert_eq!(run.is_clean().told()["frames"], 16, "{}", run.said);
+    for (frame, views) in run.layers() {
+        let number = frame.0["frame"].as_u64().unwrap();
+        let pose: Vec<f64> =
+            views[0]["pose"].as_array().unwrap().iter().map(|part| part.as_f64().unwrap()).collect();
+        // Before anything is known, the space's origin; then where it was.
+        // Frame 5 may be waited for already while the poses of the fourth are asked for.
+        if number == 4 {
+            continue;
+        }
+        let right = if number < 4 { [0.0; 3] } else { [0.3 - 0.0315, 0.1, -0.2] };
+        let off = (0..3).map(|axis| (pose[4 + axis] - right[axis]).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-3 && (pose[3] - 1.0).abs() < 1e-3, "{number}: {pose:?}");
+    }
+    // Nothing is shown as long as it is not even known which way the head looks.
+    let never = with_frames(vec![FrameRule { unturned: true, ..rule(1, 6) }]);
+    let run = super::run(&never, 4, "").unwrap();
+    assert_eq!(run.is_clean().told()["frames"], 4);
+    assert!(run.layers().iter().all(|(frame, _)| frame.0["frame"].as_u64() > Some(5)), "{:?}", run.layers());
 }
 
 #[test]

@@ -91,11 +91,18 @@ fn nothing_is_shown_for_a_reason_that_is_told() {
     let idle = Session { steps: vec![step(When::Created, &[Idle])], ..Session::default() };
     let hidden = vec![step(When::Created, &[Idle, Ready]), step(When::Frame(1), &[Synchronized])];
     let hidden = Session { steps: hidden, ..Session::default() };
+    let kept = Fault {
+        call: "xrWaitSwapchainImage".into(),
+        from: 1,
+        to: u64::MAX,
+        result: "TIMEOUT_EXPIRED".into(),
+    };
     let flat = View { fov: [-45.0, 45.0, -40.0, 40.0], ..View::default() };
     for (script, frames, reason) in [
         (sessions(vec![idle]), 0, "put the headset on"),
         (sessions(vec![hidden]), 5, "shows no pictures of this program"),
         (Script { views: vec![flat.clone(), flat], ..Script::default() }, 5, "fields of view"),
+        (Script { faults: vec![kept], ..Script::default() }, 5, "gives no image back"),
     ] {
         let wait = |child: &mut Child| {
             std::thread::sleep(Duration::from_secs(8));

@@ -6,6 +6,7 @@ mod common;
 
 mod budget;
 mod changes;
+mod codes;
 mod cycles;
 mod depth;
 mod extras;
@@ -18,6 +19,7 @@ mod losses;
 mod moments;
 mod pictures;
 mod states;
+mod times;
 mod views;
 
 use std::path::Path;
@@ -131,6 +133,7 @@ fn finished(output: Output, log: Log, folder: TempDir) -> Run {
     let text = |bytes| String::from_utf8(bytes).unwrap();
     let (out, said) = (text(output.stdout), text(output.stderr));
     assert!(!said.contains("panicked"), "{said}");
+    times::check(&log);
     Run { code: output.status.code(), out, said, log, _folder: folder }
 }
 

@@ -3,6 +3,7 @@
 use fake_runtime::script::{FrameRule, Script, Session};
 use serde_json::Value;
 
+use super::times::{Shown, shown};
 use super::{Run, run, sessions};
 
 /// Frames that a machine can keep up with, however much else it does, last this long: milliseconds.
@@ -16,66 +17,10 @@ fn rule(from: u64, to: u64) -> FrameRule {
     FrameRule { from, to, ..FrameRule::default() }
 }
 
-/// A frame that was shown: its number, the moment of its display that the runtime told, the true one, the
-/// display's period, and when it ended; then, for each time that poses were asked for, that and the moment of
-/// asking. In nanoseconds.
-#[derive(Debug)]
-struct Shown {
-    number: u64,
-    told: i64,
-    truth: i64,
-    period: i64,
-    ended: i64,
-    asked: Vec<(i64, i64)>,
-}
-
-impl Shown {
-    /// How far the times asked for are from a moment, in periods.
-    fn off(&self, from: i64) -> Vec<f64> {
-        self.asked.iter().map(|(time, _)| (time - from) as f64 / self.period as f64).collect()
-    }
-
-    /// Whether it ended while it could still be shown when it was to be.
-    fn in_time(&self) -> bool {
-        self.ended < self.truth
-    }
-}
-
-/// All frames that a layer was handed over for, in order.
-fn shown(run: &Run) -> Vec<Shown> {
-    let int = |value: &Value| value.as_i64().unwrap_or_default();
-    let waited = run.log.calls("xrWaitFrame");
-    let (mut shown, mut asked) = (Vec::new(), Vec::new());
-    for record in &run.log.0 {
-        match record.call() {
-            "xrLocateViews" if record.0["poses"].is_array() => {
-                asked.push((int(&record.0["time"]), int(&record.0["ns"])));
-            }
-            "xrEndFrame" => {
-                let frame = &record.0["frame"];
-                let wait = waited.iter().find(|wait| wait.0["frame"] == *frame).unwrap();
-                let asked = std::mem::take(&mut asked);
-                if record.0["layers"].as_array().is_some_and(|layers| !layers.is_empty()) {
-                    shown.push(Shown {
-                        number: frame.as_u64().unwrap(),
-                        told: int(&wait.0["display_time"]),
-                        truth: int(&wait.0["true_display_time"]),
-                        period: int(&wait.0["true_period"]),
-                        ended: int(&record.0["ns"]),
-                        asked,
-                    });
-                }
-            }
-            _ => {}
-        }
-    }
-    shown
-}
-
 /// Runs until so many frames are shown, with a head that moves so that late corrections are asked for.
 fn frames_of(script: &Script, frames: u32) -> Option<(Run, Vec<Shown>)> {
     let run = run(script, frames, "")?;
-    let shown = shown(&run);
+    let shown = shown(&run.log);
     assert_eq!(shown.len(), frames as usize, "{}", run.said);
     // To move the wearer, to trace, and for each eye once more.
     assert!(shown.iter().all(|frame| frame.asked.len() == 4), "{shown:?}");
@@ -102,7 +47,7 @@ fn each_picture_is_written_down_with_the_ages_of_its_poses() {
     let path = folder.path().join("frames.jsonl");
     let script = with_frames(LONG, Vec::new());
     let Some(run) = run(&script, 5, &format!("--log {}", path.display())) else { return };
-    let (told, shown) = (run.is_clean().told(), shown(&run));
+    let (told, shown) = (run.is_clean().told(), shown(&run.log));
     let text = std::fs::read_to_string(&path).unwrap();
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(lines.len(), 5, "{told}");
@@ -126,7 +71,7 @@ fn one_wrong_time_spoils_nothing() {
     let Some((run, shown)) = frames_of(&with_frames(100.0, rules), 14) else { return };
     for frame in shown.iter().skip(1) {
         // Late frames are asked for later, by no more than they were late.
-        let seen = frame.truth.max(frame.ended);
+        let seen = frame.seen();
         let usual = |off: &f64| *off >= -1.0 && (*off <= 1.0 || !frame.in_time());
         assert!(frame.off(frame.truth).iter().all(usual), "{frame:?}");
         assert!(frame.asked.iter().all(|(time, _)| *time <= seen + 10 * frame.period), "{frame:?}");

@@ -14,14 +14,14 @@ use super::watchdog::{SILENCE, Watchdog};
 use super::{keys, takes_insets};
 use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
-use crate::config::{Config, HeadsetConfig, Method};
+use crate::config::{Config, Hand, HeadsetConfig, Method};
 use crate::error::Result;
 use crate::frame::log::FrameLog;
 use crate::frame::{Loaded, Output, Renderer};
 use crate::headset::openxr::{self, Options, Runtime, Session};
 use crate::headset::{Fault, Headset, Keys, Outcome};
 use crate::math::pose::Pose;
-use crate::session::{FrameLoop, Link, Observer, Rig, Shown};
+use crate::session::{Absence, FrameLoop, Link, Observer, Rig, Shown};
 
 /// How often a runtime that is gone is looked for.
 const RETRY: Duration = Duration::from_millis(500);
@@ -167,6 +167,7 @@ impl Presentation<'_> {
             keyboard: if config.headset.keyboard { Terminal::open() } else { None },
             teller,
         };
+        run.frame_loop.hold_pictures();
         let ended = self.on_runtimes(runtime, &mut run);
         watch.tell()?;
         ended
@@ -213,7 +214,8 @@ impl Presentation<'_> {
         let context = runtime.open_context()?;
         run.teller.watch.works();
         let machine = Machine::presenting(context, &self.config.devices)?;
-        let (renderer, _) = machine.renderer(self.loaded, self.config, Output::Display)?;
+        let (mut renderer, _) = machine.renderer(self.loaded, self.config, Output::Display)?;
+        renderer.set_comeback(Absence::COMEBACK);
         let mut stage = Stage { runtime, machine, renderer };
         let mut in_vain = 0;
         loop {
@@ -248,10 +250,11 @@ impl Presentation<'_> {
 
     /// Presents in one session, from its start to its end.
     fn in_session(&self, stage: &mut Stage, run: &mut Run) -> Outcome<()> {
-        let HeadsetConfig { eye_tracking, refresh_hz, depth, .. } = self.config.headset;
+        let HeadsetConfig { eye_tracking, refresh_hz, depth, hand, .. } = self.config.headset;
         let guided = self.config.reconstruction.method == Method::Guided;
         let gaze = eye_tracking && self.gaze.is_none();
-        let options = Options { size: self.size, gaze, refresh_hz, depth: depth && guided };
+        let left_handed = hand == Hand::Left;
+        let options = Options { size: self.size, gaze, refresh_hz, depth: depth && guided, left_handed };
         run.teller.watch.asks();
         let mut session = Session::new(&stage.runtime, &stage.machine.context, &options)?;
         self.introduce(stage, &session, run)?;

@@ -7,8 +7,8 @@ use super::convert;
 use super::fault::{Called, Outcome};
 use crate::headset::locomotion::Hands;
 
-/// Controllers, with where each action is found on them: to go, to turn, to teleport, to point.
-/// Paths are those of the OpenXR specification's interaction profiles.
+/// Controllers, with where each action is found on them for who points with the right hand: to go, to turn, to
+/// teleport, to point. Paths are those of the OpenXR specification's interaction profiles.
 const CONTROLLERS: [(&str, [&str; 4]); 14] = [
     ("valve/index_controller", STICKS),
     ("oculus/touch_controller", STICKS),
@@ -41,6 +41,16 @@ const CONTROLLERS: [(&str, [&str; 4]); 14] = [
 const STICKS: [&str; 4] =
     ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"];
 
+/// The same place for who points with the other hand. Controllers that come in pairs call the left one's first button
+/// X; Index has an A on both.
+fn mirrored(profile: &str, path: &str) -> String {
+    let Some((hand, rest)) = path.split_once('/') else { return String::new() };
+    let other = if hand == "left" { "right" } else { "left" };
+    let rest =
+        if profile == "valve/index_controller" { rest.to_string() } else { rest.replace("/a/", "/x/") };
+    format!("{other}/{rest}")
+}
+
 /// Whether a profile may be named: some have names of their own in an extension, and in OpenXR 1.1 another.
 fn is_enabled(instance: &xr::Instance, profile: &str) -> bool {
     let extensions = instance.exts();
@@ -63,12 +73,16 @@ pub struct Actions {
 }
 
 impl Actions {
-    /// Makes the actions and suggests bindings; controllers that a runtime does not know are left out.
-    /// The set is still to be attached.
+    /// Makes the actions and suggests bindings, for who points with the right hand or the left; controllers that a runtime does not
+    /// know are left out. The set is still to be attached.
     ///
     /// # Errors
     /// Where session or runtime are lost.
-    pub fn new(instance: &xr::Instance, session: &xr::Session<xr::Vulkan>) -> Outcome<Actions> {
+    pub fn new(
+        instance: &xr::Instance,
+        session: &xr::Session<xr::Vulkan>,
+        left_handed: bool,
+    ) -> Outcome<Actions> {
         let set = instance
             .create_action_set("wearer", "Moving through the scene", 0)
             .called("xrCreateActionSet")?;
@@ -78,7 +92,8 @@ impl Actions {
         let aim = set.create_action("aim", "Point", &[]).called("xrCreateAction")?;
         for (profile, paths) in CONTROLLERS.into_iter().filter(|(name, _)| is_enabled(instance, name)) {
             let path = |index: usize| {
-                let path: &str = paths[index];
+                let path =
+                    if left_handed { mirrored(profile, paths[index]) } else { paths[index].to_string() };
                 (!path.is_empty())
                     .then(|| instance.string_to_path(&format!("/user/hand/{path}")).ok())
                     .flatten()
@@ -131,6 +146,24 @@ impl Actions {
             turn: stick(&self.turn).x,
             teleport,
             aim: if teleport { aim() } else { None },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_other_hand_has_the_same_in_its_own_places() {
+        for (profile, path, other) in [
+            ("oculus/touch_controller", "right/input/a/click", "left/input/x/click"),
+            ("valve/index_controller", "right/input/a/click", "left/input/a/click"),
+            ("htc/vive_controller", "left/input/trackpad", "right/input/trackpad"),
+            ("ext/hand_interaction_ext", "right/input/aim/pose", "left/input/aim/pose"),
+            ("ext/hand_interaction_ext", "", ""),
+        ] {
+            assert_eq!(mirrored(profile, path), other);
         }
     }
 }

@@ -40,6 +40,8 @@ pub struct Options {
     pub refresh_hz: f64,
     /// Hand over depths beside pictures where the runtime takes them.
     pub depth: bool,
+    /// The left hand turns, points and teleports.
+    pub left_handed: bool,
 }
 
 /// A session with the runtime.
@@ -70,6 +72,10 @@ pub struct Session {
     /// What the runtime wants to be told at the frame's end.
     display_time: xr::Time,
     located: Vec<EyeView>,
+    /// The views of the last picture that was handed over.
+    shown: Vec<EyeView>,
+    /// The compositor keeps the images of this frame.
+    starved: bool,
     /// Frames in a row whose views could not be located.
     strikes: u32,
     /// Frames for which the eye tracker is not asked.
@@ -94,7 +100,7 @@ impl Session {
             .called("xrCreateReferenceSpace")?;
         let floor = Floor::new(&session);
         let mut notes = Notes::default();
-        let made = Actions::new(&runtime.instance, &session);
+        let made = Actions::new(&runtime.instance, &session, options.left_handed);
         let mut actions = notes.or_without(made, "controllers are not used")?;
         let tracked = options.gaze && gaze::supported(&runtime.instance, runtime.system);
         let made = if tracked { EyeTracker::new(&runtime.instance, &session) } else { Ok(None) };
@@ -133,6 +139,8 @@ impl Session {
             ended: false,
             display_time: xr::Time::from_nanos(0),
             located: Vec::new(),
+            shown: Vec::new(),
+            starved: false,
             strikes: 0,
             blind: 0,
             state: xr::SessionState::UNKNOWN,
@@ -151,6 +159,9 @@ impl Session {
     pub fn why_dark(&self) -> &'static str {
         if self.waiter.hangs() {
             return "xrWaitFrame does not return: the runtime hangs, or its compositor does; Ctrl-C ends";
+        }
+        if self.starved {
+            return "the compositor gives no image back that could be drawn into: restart the runtime";
         }
         lifecycle::why_dark(self.state, !self.located.is_empty())
     }
@@ -295,7 +306,9 @@ impl Headset for Session {
         let frame = self.begin(state)?;
         let renewed = self.sizes.renewed(&self.session, self.formats, &self.images, &mut self.notes)?;
         if let Some(images) = renewed {
+            // Of these none was handed over that could be shown again.
             self.images = images;
+            self.shown.clear();
         }
         let step = Duration::from_nanos(self.clock.step() as u64);
         // The next frame is waited for while this one is traced; not so early that its time is past when
@@ -323,11 +336,7 @@ impl Headset for Session {
 
     fn locate(&mut self, time: i64) -> Outcome<Option<Vec<EyeView>>> {
         let time = xr::Time::from_nanos(time);
-        let found = match self.session.locate_views(self.views, time, &self.space) {
-            Err(xr::sys::Result::ERROR_TIME_INVALID) => Ok((xr::ViewStateFlags::EMPTY, Vec::new())),
-            found => found,
-        };
-        let found = found.called("xrLocateViews");
+        let found = self.session.locate_views(self.views, time, &self.space).called("xrLocateViews");
         let found = self.notes.or_without(found, "the views stay where they were")?;
         self.strikes = if found.is_some() { 0 } else { self.strikes + 1 };
         if self.strikes > MOST_STRIKES {
@@ -369,25 +378,23 @@ impl Headset for Session {
             let rect = Rect { x: 0, y: 0, width, height };
             Ok(images.acquire()?.map(|target| Canvas { target, rect, encoding }))
         };
-        self.images.iter_mut().map(canvas).collect()
+        let canvases: Outcome<Option<Vec<Canvas>>> = self.images.iter_mut().map(canvas).collect();
+        self.starved = matches!(canvases, Ok(None));
+        canvases
     }
 
     fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
         // What was not drawn into is kept for the next frame.
-        if shown.is_some() {
+        if let Some(shown) = shown {
             self.images.iter_mut().try_for_each(ViewImages::release)?;
+            self.shown = shown.to_vec();
         }
-        let depths: Vec<_> = self.images.iter().map(ViewImages::depth_info).collect();
-        let images = self.images.iter().zip(&depths);
-        let views: Vec<_> = shown
-            .unwrap_or_default()
-            .iter()
-            .zip(images)
-            .map(|(eye, (images, depth))| images.layer_view(eye, depth.as_ref()))
-            .collect();
-        let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
-        let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
-        self.stream.end(self.display_time, self.blend, layers).called("xrEndFrame")
+        self.submit(shown)
+    }
+
+    fn hold(&mut self, _: &Frame) -> Outcome<()> {
+        let shown = (!self.shown.is_empty()).then(|| self.shown.clone());
+        self.submit(shown.as_deref())
     }
 
     fn hidden(&self) -> (&[HiddenMesh], u64) {
@@ -400,5 +407,22 @@ impl Headset for Session {
 
     fn surprises(&self) -> bool {
         true
+    }
+}
+
+impl Session {
+    /// Ends the frame with the images that were released last, as views saw them.
+    fn submit(&mut self, shown: Option<&[EyeView]>) -> Outcome<()> {
+        let depths: Vec<_> = self.images.iter().map(ViewImages::depth_info).collect();
+        let images = self.images.iter().zip(&depths);
+        let views: Vec<_> = shown
+            .unwrap_or_default()
+            .iter()
+            .zip(images)
+            .map(|(eye, (images, depth))| images.layer_view(eye, depth.as_ref()))
+            .collect();
+        let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
+        let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
+        self.stream.end(self.display_time, self.blend, layers).called("xrEndFrame")
     }
 }

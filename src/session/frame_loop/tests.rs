@@ -29,6 +29,8 @@ struct Wearer {
     located: Vec<i64>,
     /// When each frame was ended, and the views that it showed.
     ended: Vec<(i64, Option<Vec<EyeView>>)>,
+    /// Frames for which the last picture stayed.
+    held: u32,
     status: String,
 }
 
@@ -91,6 +93,11 @@ impl Headset for Wearer {
     fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
         self.ended.push((self.clock.get(), shown.map(<[EyeView]>::to_vec)));
         Ok(())
+    }
+
+    fn hold(&mut self, frame: &Frame) -> Outcome<()> {
+        self.held += 1;
+        self.end(frame, None)
     }
 
     fn describe(&mut self, status: String) {
@@ -238,6 +245,7 @@ fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut Wea
             last: 0,
             gaze: None,
             input: Input::default(),
+            held: 0,
             visible: true,
             surprises: true,
             located: Vec::new(),
@@ -401,6 +409,7 @@ fn what_nobody_sees_is_not_traced() {
     let run = frames(&per_eye(), 1_000_000, 3, |wearer| wearer.visible = false);
     assert!(run.notebook.drawn.is_empty() && run.listener.shown.is_empty() && run.wearer.located.is_empty());
     assert_eq!(run.wearer.ended.iter().filter(|(_, shown)| shown.is_none()).count(), 3);
+    assert_eq!(run.wearer.held, 0, "whoever wants no picture gets no old one");
 }
 
 #[test]
@@ -446,7 +455,7 @@ fn pictures_are_held_while_no_device_is_left() {
     let fault = step(&mut absent, &mut another).unwrap_err();
     assert!(fault.sentence().contains("none is left"));
     let shown: Vec<bool> = run.wearer.ended.iter().map(|(_, shown)| shown.is_some()).collect();
-    assert_eq!(shown, [false, false, false, true, true]);
+    assert_eq!((shown, run.wearer.held), (vec![false, false, false, true, true], 3));
     assert_eq!((run.listener.shown.len(), run.listener.notes.len()), (2, 2), "{:?}", run.listener.notes);
     assert!(run.listener.notes[0].contains("is held") && run.listener.notes[1].contains("again"));
 }

@@ -19,6 +19,11 @@ impl Note {
     pub fn set(&mut self, key: &str, value: impl Serialize) {
         self.0.insert(key.into(), json!(value));
     }
+
+    /// A text that was set.
+    pub fn get(&self, key: &str) -> Option<&str> {
+        self.0.get(key)?.as_str()
+    }
 }
 
 /// Where calls are written down.

@@ -37,7 +37,12 @@ impl From<xr::Result> for Refusal {
 
 /// The code with this name, such as `ERROR_SESSION_LOST`.
 pub(crate) fn named(name: &str) -> Option<xr::Result> {
-    (-60..=10).map(xr::Result::from_raw).find(|result| format!("{result:?}") == name)
+    // Those of extensions have numbers of their own.
+    let extensions = [
+        xr::Result::ERROR_EXTENSION_DEPENDENCY_NOT_ENABLED,
+        xr::Result::ERROR_DISPLAY_REFRESH_RATE_UNSUPPORTED_FB,
+    ];
+    (-60..=10).map(xr::Result::from_raw).chain(extensions).find(|result| format!("{result:?}") == name)
 }
 
 #[cfg(test)]

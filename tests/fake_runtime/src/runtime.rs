@@ -23,6 +23,10 @@ pub(crate) const SYSTEM: u64 = 1;
 /// Between two loads of the library handles move up by this much.
 const HANDLES_A_LOAD: u64 = 100_000;
 
+/// Codes of success that a script may give to calls which do their work.
+const DONE_WITH: [xr::Result; 3] =
+    [xr::Result::FRAME_DISCARDED, xr::Result::SESSION_LOSS_PENDING, xr::Result::SESSION_NOT_FOCUSED];
+
 /// Everything that the runtime knows.
 pub(crate) struct Runtime {
     pub script: Script,
@@ -138,8 +142,12 @@ impl Runtime {
             session = self.session_of(handle);
         }
         let destroys = call.starts_with("xrDestroy");
-        if let Some(result) = self.fault(call, session) {
+        let scripted = self.fault(call, session);
+        if let Some(result) = scripted {
             note.set("scripted", true);
+            note.set("answers", format!("{result:?}"));
+        }
+        if let Some(result) = scripted.filter(|result| !DONE_WITH.contains(result)) {
             match result {
                 xr::Result::ERROR_INSTANCE_LOST => self.lost = true,
                 xr::Result::ERROR_SESSION_LOST => {
@@ -165,7 +173,8 @@ impl Runtime {
     /// Writes the call down and gives its result.
     pub fn finish(&mut self, call: &'static str, outcome: Outcome, mut note: Note) -> xr::Result {
         let result = match outcome {
-            Ok(result) | Err(Refusal::Answer(result)) => result,
+            Ok(result) => note.get("answers").and_then(refusal::named).unwrap_or(result),
+            Err(Refusal::Answer(result)) => result,
             Err(Refusal::Wrong(result, what)) => {
                 note.set("violation", what);
                 result

@@ -160,7 +160,8 @@ pub struct Fault {
     /// The last that fails; 0 for only the first.
     pub to: u64,
     /// Such as `ERROR_SESSION_LOST`, after which the session is lost for all calls (and so with
-    /// `ERROR_INSTANCE_LOST`).
+    /// `ERROR_INSTANCE_LOST`). With `FRAME_DISCARDED`, `SESSION_LOSS_PENDING` and `SESSION_NOT_FOCUSED` the call
+    /// does its work all the same.
     pub result: String,
 }
 
@@ -258,6 +259,10 @@ pub struct FrameRule {
     pub period_ms: Option<f64>,
     /// In place of the predicted display period, nanoseconds.
     pub display_period: Option<i64>,
+    /// Where the head is is not known: positions of views are told to be invalid, and are not numbers.
+    pub unplaced: bool,
+    /// Nor is how it is turned: orientations have no length.
+    pub unturned: bool,
 }
 
 /// An event at a frame.

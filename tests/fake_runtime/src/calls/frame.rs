@@ -157,6 +157,7 @@ impl Runtime {
         session.frames.wait(frame);
         note.set("frame", number);
         note.set("display_time", frame.display_time);
+        note.set("period", told_period);
         note.set("should_render", frame.should_render);
         note.set("gaze", crate::world::gaze(&self.script.gaze, number).map(|pose| pose.list()));
         self.step(handle, When::Frame(number))?;
@@ -291,7 +292,8 @@ impl Runtime {
     }
 }
 
-fn rules(rules: &[FrameRule], number: u64) -> impl Iterator<Item = &FrameRule> {
+/// The rules for a frame.
+pub(super) fn rules(rules: &[FrameRule], number: u64) -> impl Iterator<Item = &FrameRule> {
     rules.iter().filter(move |rule| within(number, rule.from, rule.to))
 }
 

@@ -2,11 +2,13 @@
 
 use openxr_sys::{self as xr, Handle};
 
+use super::frame::rules;
 use crate::abi::{In, Out};
 use crate::check::{check_pose, check_time};
 use crate::objects::{Object, Space};
 use crate::refusal::{Outcome, Refusal, invalid, wrong};
 use crate::runtime::{On, Runtime, enter};
+use crate::script::FrameRule;
 use crate::world::{self, Pose};
 
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
@@ -141,19 +143,24 @@ pub(crate) fn locate_views(
             note.set("poses", poses);
         }
         use xr::ViewStateFlags as Flags;
+        let session = runtime.session(handle)?;
+        let known = |unknown: fn(&FrameRule) -> bool| {
+            !rules(&session.script.frames, session.latest.number).any(unknown)
+        };
+        let (placed, turned) = (known(|rule| rule.unplaced), known(|rule| rule.unturned));
+        let flag = |known: bool, flags: Flags| if known { flags } else { Flags::EMPTY };
         state.write(|next| xr::ViewState {
             ty: xr::ViewState::TYPE,
             next,
-            view_state_flags: Flags::ORIENTATION_VALID
-                | Flags::POSITION_VALID
-                | Flags::ORIENTATION_TRACKED
-                | Flags::POSITION_TRACKED,
+            view_state_flags: flag(turned, Flags::ORIENTATION_VALID | Flags::ORIENTATION_TRACKED)
+                | flag(placed, Flags::POSITION_VALID | Flags::POSITION_TRACKED),
         })?;
-        views.fill_typed(capacity, count, located, |next, (pose, fov)| xr::View {
-            ty: xr::View::TYPE,
-            next,
-            pose: pose.to_xr(),
-            fov,
+        let nowhere = xr::Vector3f { x: f32::NAN, y: 1e30, z: f32::INFINITY };
+        views.fill_typed(capacity, count, located, |next, (pose, fov)| {
+            let pose = pose.to_xr();
+            let position = if placed { pose.position } else { nowhere };
+            let orientation = if turned { pose.orientation } else { xr::Quaternionf::default() };
+            xr::View { ty: xr::View::TYPE, next, pose: xr::Posef { orientation, position }, fov }
         })?;
         DONE
     })
