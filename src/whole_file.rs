@@ -45,11 +45,14 @@ pub fn check_kind(path: &Path, beginning: &[u8], kind: &str) -> Result<()> {
 /// How a file of this name begins, and what it is called.
 fn kind_of_name(path: &Path) -> Option<(&'static [u8], &'static str)> {
     let ending = path.extension()?.to_str()?.to_lowercase();
-    let kinds: [(&str, &[u8], &str); 4] = [
+    let kinds: [(&str, &[u8], &str); 6] = [
         ("png", b"\x89PNG", "PNG picture"),
         ("exr", b"\x76\x2f\x31\x01", "OpenEXR picture"),
         ("gif", b"GIF8", "GIF animation"),
         ("glb", b"glTF", "binary glTF scene"),
+        // As this program writes them: nothing else tells such a file from others.
+        ("obj", b"mtllib ", "generated OBJ scene"),
+        ("mtl", b"newmtl ", "generated OBJ materials"),
     ];
     kinds.into_iter().find(|kind| kind.0 == ending).map(|(_, beginning, kind)| (beginning, kind))
 }

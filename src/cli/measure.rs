@@ -14,7 +14,7 @@ use crate::headset::mock::Script;
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::trace::{Traversal, Traversals};
-use crate::tradeoff::{Effort, Report, Subject, sweep};
+use crate::tradeoff::{Effort, Report, Subject, check_reports, sweep};
 use crate::whole_file;
 
 /// Arguments of `foveate measure`.
@@ -58,6 +58,7 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.options.config_over(Layers::over(defaults))?.without_reuse();
     let profile = mock::fitted(mock::profile(&args.headset)?, &config, args.options.view.fov_y());
     whole_file::check_folder(&args.out)?;
+    check_reports(&args.out)?;
     let bar = output::progress_share("measuring");
     on_interrupt(&bar, &args.out)?;
     let (machine, loaded) = render::open(&args.scene, &config)?;

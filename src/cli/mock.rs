@@ -148,9 +148,11 @@ pub fn check_out(out: &Path) -> Result<()> {
     if !out.exists() {
         return Ok(());
     }
-    ["frames.jsonl", "contact_sheet.png", "preview.gif"]
+    let log = out.join("frames.jsonl");
+    FrameLog::check(&log)?;
+    [log, out.join("contact_sheet.png"), out.join("preview.gif")]
         .iter()
-        .try_for_each(|name| whole_file::check(&out.join(name)))
+        .try_for_each(|path| whole_file::check(path))
 }
 
 impl Session<'_> {

@@ -14,6 +14,7 @@ use super::output;
 use super::stop::stop_signal;
 use crate::config::{Config, Layers, Stereo};
 use crate::error::Result;
+use crate::frame::log::FrameLog;
 use crate::headset::Fault;
 use crate::headset::openxr::Runtime;
 use crate::scene::Scene;
@@ -46,6 +47,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (config, notes) = args.options.config_for_display(Layers::over(stereo_defaults()))?;
     let config = args.speed.over(config)?;
     Scene::check(&args.scene)?;
+    args.log.as_deref().map_or(Ok(()), FrameLog::check)?;
     let stop = stop_signal(last_words)?;
     // Whether there is a headset is known at once, and a scene may take long.
     let watch = Watchdog::start(stop.clone(), args.options.config.json);

@@ -82,9 +82,9 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 fn generate(args: &GenerateArgs) -> Result<()> {
-    if args.out.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("glb")) {
+    if !["glb", "obj"].iter().any(|ending| ends_in(&args.out, ending)) {
         let problem = format!(
-            "{} does not end in .glb, which is what is written; give such a name",
+            "{} ends in neither .glb nor .obj, which are what is written; give such a name",
             args.out.display()
         );
         return Err(Error::setting("--out", problem));
@@ -103,11 +103,15 @@ fn generate(args: &GenerateArgs) -> Result<()> {
 
 /// Writes a generated glTF binary in the format that the file's name asks for; returns the file's size.
 fn write(out: &Path, glb: &[u8]) -> Result<usize> {
-    if out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj")) {
+    if ends_in(out, "obj") {
         return generate::obj::write(out, &Scene::from_glb(out, glb)?);
     }
     generate::write(out, glb)?;
     Ok(glb.len())
+}
+
+fn ends_in(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
 }
 
 fn made(args: &GenerateArgs) -> Result<Vec<u8>> {

@@ -11,6 +11,7 @@ use super::budget::QualityState;
 use super::pipeline::FrameReport;
 use super::scheduler::DeviceShare;
 use crate::error::{Error, Result};
+use crate::whole_file;
 
 /// One frame. Times in milliseconds unless named otherwise.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -102,12 +103,23 @@ pub struct FrameLog {
 }
 
 impl FrameLog {
-    /// Makes the file, or empties the one that is there.
+    /// Tells whether [`FrameLog::create`] would replace what is no log.
     ///
     /// # Errors
-    /// Where it cannot be made.
+    /// [`Error::File`] where a regular file of another kind has the name.
+    pub fn check(path: &Path) -> Result<()> {
+        /// Every record's first key.
+        const BEGINNING: &[u8] = b"{\"frame\":";
+        if path.is_file() { whole_file::check_kind(path, BEGINNING, "log of frames") } else { Ok(()) }
+    }
+
+    /// Makes the file, or empties the one that is there, if it is a log too.
+    ///
+    /// # Errors
+    /// Where it cannot be made, and as [`FrameLog::check`].
     pub fn create(path: impl Into<PathBuf>) -> Result<Self> {
         let path = path.into();
+        FrameLog::check(&path)?;
         let file = File::create(&path).map_err(|e| Error::writing(&path, &e))?;
         Ok(FrameLog { path, file, length: 0 })
     }
@@ -174,7 +186,7 @@ mod tests {
     fn every_line_is_there_before_the_log_is_closed() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("frames.jsonl");
-        std::fs::write(&path, "an earlier, longer run\n".repeat(500)).unwrap();
+        std::fs::write(&path, "{\"frame\":0, of an earlier, longer run\n".repeat(500)).unwrap();
         let mut log = FrameLog::create(&path).unwrap();
         for frame in 0..5 {
             log.push(&record(frame, 20.0)).unwrap();
@@ -213,6 +225,16 @@ mod tests {
             let message = FrameLog::create(&path).unwrap_err().to_string();
             assert!(message.contains(part) && message.starts_with(path.to_str().unwrap()), "{message}");
         }
+    }
+
+    #[test]
+    fn what_is_no_log_is_not_emptied() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("diary");
+        std::fs::write(&path, "dear").unwrap();
+        let message = FrameLog::create(&path).unwrap_err().to_string();
+        assert!(message.contains("is no log of frames"), "{message}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"dear");
     }
 
     #[cfg(target_os = "linux")]

@@ -17,4 +17,5 @@ pub mod sweep;
 
 pub use effort::Effort;
 pub use report::{LeftOut, Point, ReferenceError, Report};
+pub use store::check_reports;
 pub use sweep::{Subject, sweep};

@@ -59,6 +59,27 @@ impl Store {
     }
 }
 
+/// Tells whether a measurement's files can be written to `out`: what is there under their names may be those of an
+/// earlier one alone.
+///
+/// # Errors
+/// [`Error::File`] where another kind of file has one of their names, or it cannot be written.
+pub fn check_reports(out: &Path) -> Result<()> {
+    const BEGINNINGS: [(&str, &[u8]); 5] = [
+        ("report.json", b"{\n  \"scene\":"),
+        ("points.csv", b"name,axis,"),
+        ("front.toml", b"# The Pareto front of "),
+        ("comparison.md", b"| scene | method |"),
+        ("report.html", b"<!doctype html>"),
+    ];
+    if !out.exists() {
+        return Ok(());
+    }
+    BEGINNINGS.into_iter().try_for_each(|(name, beginning)| {
+        whole_file::check_kind(&out.join(name), beginning, "report of a measurement")
+    })
+}
+
 /// Writes a file whole or not at all.
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     whole_file::write(path, |file| file.write_all(bytes).map_err(|e| Error::writing(path, &e)))

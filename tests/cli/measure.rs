@@ -286,6 +286,26 @@ fn a_measurement_that_is_killed_goes_on_with_what_it_has() {
     assert_eq!(again["reference_error"], found["reference_error"]);
 }
 
+/// On a terminal there is a bar before anything else is waited for, and Ctrl-C says that nothing is lost.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_measurement_shows_a_bar_at_once_and_says_on_ctrl_c_that_it_goes_on() {
+    let folder = folder();
+    // `script` runs it on a terminal of its own, and hands on what is typed: Ctrl-C, once a part is kept.
+    let typed = "until ls trade/parts/*/*.json >/dev/null 2>&1; do sleep 0.05; done; printf '\\003'; sleep 1";
+    let line = format!("{{ {typed}; }} | TERM=xterm script -qec \"$F {TINY}\" /dev/null");
+    let mut command = Command::new("sh");
+    command.current_dir(folder.path()).env("F", env!("CARGO_BIN_EXE_foveate")).args(["-c", &line]);
+    let told = run(command);
+    assert_eq!(told.code, Some(130), "{told:?}");
+    let bar = told.out.find("measuring [").unwrap_or_else(|| panic!("no bar: {told:?}"));
+    let other = ["scene, ", "kernels and upload"].iter().filter_map(|step| told.out.find(step)).min();
+    assert!(other.is_some_and(|other| bar < other), "{other:?}: {told:?}");
+    let sentence = "stopped; trade keeps what was measured, and the same command goes on from there";
+    assert!(told.out.contains(sentence), "{told:?}");
+    assert!(!folder.path().join("trade/report.json").exists(), "stopped in mid-run");
+}
+
 #[test]
 fn scenes_at_the_limits_are_measured_too() {
     let folder = folder();

@@ -231,6 +231,12 @@ fn files_of_another_kind_are_not_overwritten() {
         ("rays.bin", "bench scene.glb --export rays.bin --width 32 --height 20".to_string()),
         ("used/contact_sheet.png", format!("mock scene.glb --out used --frames 1 {small}")),
         ("used/preview.gif", format!("demo scene.glb --out used {small}")),
+        ("used/frames.jsonl", format!("mock scene.glb --out used --frames 1 {small}")),
+        ("head.log", "run scene.glb --log head.log".to_string()),
+        ("used/front.toml", format!("measure scene.glb --quick --out used {small}")),
+        ("used/report.json", format!("measure scene.glb --quick --out used {small}")),
+        ("town.obj", "scene generate voxel-town --triangles 12000 --out town.obj".to_string()),
+        ("town.mtl", "scene generate voxel-town --triangles 12000 --out town.obj".to_string()),
     ] {
         std::fs::write(path(file), "a diary").unwrap();
         let run = foveate(folder.path(), &arguments);
@@ -301,6 +307,6 @@ fn commands_refuse_flags_that_would_mean_nothing() {
         assert!(run(command).sentence().starts_with(&format!("foveate: {flag}: ")), "{arguments}");
     }
     let run = foveate(folder.path(), "scene generate demo --out a.png");
-    assert!(run.sentence().contains("does not end in .glb"), "{run:?}");
+    assert!(run.sentence().contains("ends in neither .glb nor .obj"), "{run:?}");
     assert_eq!(names(folder.path()), ["scene.glb"]);
 }

@@ -36,6 +36,21 @@ fn a_generated_town_has_the_size_that_was_asked_for_and_renders() {
     assert_eq!(png(folder.path().join("a.png")).dimensions(), (64, 48));
 }
 
+/// What a town's OBJ shows is what its binary glTF shows, and both are written again over themselves.
+#[test]
+fn a_generated_town_is_written_as_obj_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let triangles = |file: &str| {
+        for _ in 0..2 {
+            let line = format!("scene generate voxel-town --triangles 12000 --out {file}");
+            foveate(folder.path(), &line).succeeds();
+        }
+        foveate(folder.path(), &format!("scene info {file} --json")).succeeds().json()["triangles"].clone()
+    };
+    assert_eq!(triangles("town.obj"), triangles("town.glb"));
+    assert!(folder.path().join("town.mtl").is_file());
+}
+
 #[test]
 fn a_generated_glade_has_the_size_that_was_asked_for_and_the_demo_takes_none() {
     let folder = tempfile::tempdir().unwrap();

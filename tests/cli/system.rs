@@ -136,6 +136,11 @@ fn a_home_that_cannot_be_written_takes_no_driver_away() {
         assert!(run.err.lines().count() == 1 && run.err.contains("XDG_CACHE_HOME"), "{run:?}");
     }
     assert!(runtime.join("foveate-cache").is_dir());
+    let mut command = command(folder.path(), "devices --json");
+    command.env("HOME", "/dev/null").env("XDG_RUNTIME_DIR", &runtime).env_remove("XDG_CACHE_HOME");
+    let told = run(command);
+    assert_eq!(told.code, Some(0), "{told:?}");
+    assert_eq!(told.json()["problems"], json!([]), "no driver is said to be missing");
 }
 
 /// What is wrong with the scene is told before what the machine lacks.
