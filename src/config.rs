@@ -653,7 +653,7 @@ fn read_text(path: &Path) -> Result<String> {
 
 /// What is wrong with a value, in words of TOML and not of Rust.
 fn refused(key: &str, error: &toml::de::Error) -> Error {
-    const WORDS: [(&str, &str); 11] = [
+    const WORDS: [(&str, &str); 17] = [
         ("invalid type: unit variant, expected string only", "expected one of its names as text"),
         ("expected u32", "expected a whole number, 0 or more"),
         ("expected u64", "expected a whole number, 0 or more"),
@@ -665,6 +665,12 @@ fn refused(key: &str, error: &toml::de::Error) -> Error {
         ("invalid type: sequence", "invalid type: a list"),
         ("invalid type: map", "invalid type: a section"),
         ("expected struct OperatingPoint", "expected a section"),
+        ("expected internally tagged enum Law", "expected a law's name, or a section with it"),
+        ("invalid type: floating point", "invalid type: the number"),
+        ("invalid type: integer", "invalid type: the number"),
+        ("invalid type: string", "invalid type: the text"),
+        ("expected a boolean", "expected true or false"),
+        ("invalid value: integer", "invalid value:"),
     ];
     let what =
         WORDS.iter().fold(error.message().trim_end().to_string(), |what, (from, to)| what.replace(from, to));

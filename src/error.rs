@@ -92,6 +92,9 @@ impl Error {
             ErrorKind::NotFound => "there is no such file; check the path".to_string(),
             ErrorKind::PermissionDenied => "this user may not open it; check its permissions".to_string(),
             ErrorKind::IsADirectory => "it is a folder; give the path of a file".to_string(),
+            ErrorKind::OutOfMemory => {
+                "there is too little memory to read it; free some, or raise the limit (ulimit -v)".to_string()
+            }
             _ => format!("{error}"),
         };
         Error::File { path: path.to_path_buf(), problem }

@@ -53,6 +53,43 @@ fn settings_that_do_not_fit_are_refused_by_the_name_they_were_given() {
     assert!(!folder.path().join("it.png").exists());
 }
 
+/// Whatever a key is given, what is said is in words of TOML and not of Rust.
+#[test]
+fn values_of_wrong_kinds_are_refused_in_plain_words() {
+    fn keys(table: &toml::Table, above: &str, found: &mut Vec<String>) {
+        for (key, value) in table {
+            let key = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };
+            if let Some(table) = value.as_table() {
+                keys(table, &key, found);
+            }
+            found.push(key);
+        }
+    }
+    const RUST: [&str; 13] = [
+        "enum", "struct", "u32", "u64", "usize", "f32", "f64", "unit", "sequence", "map,", "floating",
+        "string", "boolean",
+    ];
+    let defaults =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/configs/default.toml")).unwrap();
+    let mut all = Vec::new();
+    keys(&defaults.parse().unwrap(), "", &mut all);
+    let mut refused = 0;
+    for key in &all {
+        for value in
+            ["3", "-1", "1.5", "true", "\"abc\"", "[1]", "[[1]]", "[{}]", "{}", "{ a = 1 }", "1979-05-27"]
+        {
+            let mut layers = foveate::config::Layers::default();
+            let line = format!("{key}={value}");
+            let Err(error) = layers.assign(&line).and_then(|()| layers.finish().map(drop)) else { continue };
+            refused += 1;
+            let told = error.to_string();
+            let mut words = told.split(|c: char| c.is_whitespace() || c == ';' || c == '`');
+            assert!(!words.any(|word| RUST.contains(&word)), "{line}: {told}");
+        }
+    }
+    assert!(all.len() > 50 && refused > 4 * all.len(), "{refused} of {} keys", all.len());
+}
+
 #[test]
 fn wrong_usage_exits_with_2_and_shows_the_way() {
     let folder = folder();

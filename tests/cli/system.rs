@@ -143,6 +143,23 @@ fn a_home_that_cannot_be_written_takes_no_driver_away() {
     assert_eq!(told.json()["problems"], json!([]), "no driver is said to be missing");
 }
 
+/// Too little memory is told as the reason, whatever drivers make of it, and is not taken for missing drivers.
+#[cfg(target_os = "linux")]
+#[test]
+fn little_memory_is_told_as_the_reason() {
+    let folder = folder();
+    for limit in [300_000, 600_000] {
+        let line = format!(
+            "ulimit -v {limit}; exec $F render scene.glb --out it.png --width 32 --height 20 --rays 1"
+        );
+        let run = shell(folder.path(), &line);
+        let told = run.err.contains("memory") && run.err.contains("ulimit -v");
+        assert!(run.code != Some(0) && told, "{limit}: {run:?}");
+        assert!(!run.err.contains("driver is installed"), "{limit}: {run:?}");
+        assert!(!folder.path().join("it.png").exists());
+    }
+}
+
 /// What is wrong with the scene is told before what the machine lacks.
 #[test]
 fn a_scene_that_is_not_there_comes_before_a_missing_headset() {
