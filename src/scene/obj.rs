@@ -58,7 +58,8 @@ pub fn read(bytes: Vec<u8>, folder: &Folder, options: &LoadOptions) -> Outcome<S
     let Made { mut document, bytes, .. } = made;
     document.buffers = vec![Buffer { uri: None, byte_length: Int(bytes.len()) }];
     document.scenes = vec![SceneRoots { name: None, nodes: (0..document.nodes.len()).map(Int).collect() }];
-    gltf::from_document(&document, Some(&bytes), folder, options, warnings)
+    let whole = 0..bytes.len();
+    gltf::from_document(&document, bytes.into(), Some(whole), folder, options, warnings)
 }
 
 /// Runs tobj over the text; progress is told by the bytes that it has read.

@@ -37,8 +37,10 @@ mod variants;
 pub(super) mod vectors;
 mod weigh;
 
+use std::borrow::Cow;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -88,7 +90,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
     let folder = Folder::of(path).map_err(|error| Error::io(path, &error))?;
     let binary = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb"));
     let refuse = |problem| Error::Scene { path: path.to_path_buf(), problem };
-    read(&bytes, binary, &folder, options).map_err(refuse)
+    read(bytes.into(), binary, &folder, options).map_err(refuse)
 }
 
 /// Reads a binary glTF file from memory; `name` stands for it in messages. Nothing outside is read.
@@ -97,31 +99,56 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
 /// [`Error::Scene`] as for [`load`].
 pub fn load_glb(name: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Scene> {
     let refuse = |problem| Error::Scene { path: name.to_path_buf(), problem };
-    read(bytes, true, &Folder::none(), options).map_err(refuse)
+    read(bytes.into(), true, &Folder::none(), options).map_err(refuse)
 }
 
-fn read(bytes: &[u8], binary: bool, folder: &Folder, options: &LoadOptions) -> Outcome<Scene> {
+fn read(bytes: Cow<'_, [u8]>, binary: bool, folder: &Folder, options: &LoadOptions) -> Outcome<Scene> {
     let mut warnings = Vec::new();
-    let container = container::parse(bytes, binary, &options.budget, &mut warnings)?;
+    let container = container::parse(&bytes, binary, &options.budget, &mut warnings)?;
     let mut document = container.document;
     check::references(&document)?;
     variants::choose(&mut document, options.variant.as_deref())?;
-    from_document(&document, container.bin.map(|bin| &bytes[bin]), folder, options, warnings)
+    from_document(&document, bytes, container.bin, folder, options, warnings)
 }
 
-/// The scene of a document whose references are in range. Buffer 0 is `bin` where it has no URI.
+/// The scene of a document whose references are in range. Buffer 0 is that part of `bytes` where it has no URI.
 pub(super) fn from_document(
+    document: &Document,
+    bytes: Cow<'_, [u8]>,
+    bin: Option<Range<usize>>,
+    folder: &Folder,
+    options: &LoadOptions,
+    warnings: Vec<String>,
+) -> Outcome<Scene> {
+    let unplaced = unplaced(document, bin.map(|bin| &bytes[bin]), folder, options, warnings)?;
+    // Before instances are placed, which takes as much again.
+    drop(bytes);
+    unplaced.scene(document, options)
+}
+
+/// All that is read of a file, before its instances are placed.
+struct Unplaced {
+    surfaces: Vec<Surface>,
+    finished: ByMaterial<Finished>,
+    textures: Vec<Texture>,
+    nodes: Nodes,
+    animations: Vec<ClipInfo>,
+    dropped: LeftOut,
+    warnings: Vec<String>,
+}
+
+fn unplaced(
     document: &Document,
     bin: Option<&[u8]>,
     folder: &Folder,
     options: &LoadOptions,
     mut warnings: Vec<String>,
-) -> Outcome<Scene> {
+) -> Outcome<Unplaced> {
     let budget = &options.budget;
     let mut buffers = Buffers::load(document, bin, folder, budget)?;
     buffers.take_views(compressed::views(document, &buffers, budget)?);
     let mut clips = animations::clips(document, &buffers, budget, &mut warnings)?;
-    let (told, playing) = playing(&mut clips, options)?;
+    let (animations, playing) = playing(&mut clips, options)?;
     let nodes = Nodes::new(document, chosen_scene(document, options)?, options.scale, playing, options.time)?;
     let placements = placements(document, &buffers, &nodes, options, &mut warnings)?;
     buffers.take_accessors(compressed::accessors(document, &buffers, &placements)?);
@@ -134,7 +161,7 @@ pub(super) fn from_document(
     );
     let ((images, unusable), mut shapes) = (images?, shapes?);
     warnings.extend(unusable);
-    let mut dropped = retain_shown(&mut shapes);
+    let dropped = retain_shown(&mut shapes);
 
     let least_alphas = least_alphas(&shapes);
     drafts.retain(|index, _| least_alphas.contains_key(index));
@@ -152,38 +179,45 @@ pub(super) fn from_document(
                 .collect::<Outcome<Vec<_>>>()
         },
     );
-    let surfaces = surfaces?;
-    let anchor = flatten::anchor(&surfaces, &nodes.pose);
-    let numbers: HashMap<Option<usize>, u32> = finished.keys().copied().zip(0..).collect();
-    let material_of: Vec<u32> = surfaces.iter().map(|surface| numbers[&surface.shape.material]).collect();
-    let (mesh, parts, instances, collapsed) = flatten::flatten(&surfaces, &material_of, &nodes.pose, anchor);
-    dropped.add(collapsed, 1);
+    Ok(Unplaced { surfaces: surfaces?, finished, textures, nodes, animations, dropped, warnings })
+}
 
-    let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
-    tell_left_out(dropped, lacking, &mut warnings);
-    let placed = placed::lights(document, &nodes, anchor, &mut warnings)?;
-    let motion =
-        options.keeps_motion.then(|| motion(document, &nodes, parts, &placed, options.time)).flatten();
-    let cameras = placed::cameras(document, &nodes, &mut warnings);
-    let mut said = HashSet::new();
-    warnings.retain(|warning| said.insert(warning.clone()));
-    let materials = finished.into_values().map(|finished| finished.material).collect();
-    Ok(Scene {
-        anchor,
-        mesh,
-        materials,
-        textures,
-        lights: placed.into_iter().map(|placed| placed.light).collect(),
-        cameras,
-        camera: None,
-        animations: told,
-        motion,
-        scenes: document.scenes.iter().map(|scene| scene.name.clone().unwrap_or_default()).collect(),
-        variants: variants::names(document),
-        instances,
-        left_out: dropped,
-        warnings,
-    })
+impl Unplaced {
+    fn scene(self, document: &Document, options: &LoadOptions) -> Outcome<Scene> {
+        let Unplaced { surfaces, finished, textures, nodes, animations, mut dropped, mut warnings } = self;
+        let anchor = flatten::anchor(&surfaces, &nodes.pose);
+        let numbers: HashMap<Option<usize>, u32> = finished.keys().copied().zip(0..).collect();
+        let material_of: Vec<u32> = surfaces.iter().map(|surface| numbers[&surface.shape.material]).collect();
+        let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
+        let (mesh, parts, instances, collapsed) =
+            flatten::flatten(&surfaces, &material_of, &nodes.pose, anchor);
+        drop(surfaces);
+        dropped.add(collapsed, 1);
+        tell_left_out(dropped, lacking, &mut warnings);
+        let placed = placed::lights(document, &nodes, anchor, &mut warnings)?;
+        let motion =
+            options.keeps_motion.then(|| motion(document, &nodes, parts, &placed, options.time)).flatten();
+        let cameras = placed::cameras(document, &nodes, &mut warnings);
+        let mut said = HashSet::new();
+        warnings.retain(|warning| said.insert(warning.clone()));
+        let materials = finished.into_values().map(|finished| finished.material).collect();
+        Ok(Scene {
+            anchor,
+            mesh,
+            materials,
+            textures,
+            lights: placed.into_iter().map(|placed| placed.light).collect(),
+            cameras,
+            camera: None,
+            animations,
+            motion,
+            scenes: document.scenes.iter().map(|scene| scene.name.clone().unwrap_or_default()).collect(),
+            variants: variants::names(document),
+            instances,
+            left_out: dropped,
+            warnings,
+        })
+    }
 }
 
 /// Keeps the shapes that have triangles; what is left out, of all instances.
