@@ -653,7 +653,7 @@ fn read_text(path: &Path) -> Result<String> {
 
 /// What is wrong with a value, in words of TOML and not of Rust.
 fn refused(key: &str, error: &toml::de::Error) -> Error {
-    const WORDS: [(&str, &str); 17] = [
+    const WORDS: [(&str, &str); 18] = [
         ("invalid type: unit variant, expected string only", "expected one of its names as text"),
         ("expected u32", "expected a whole number, 0 or more"),
         ("expected u64", "expected a whole number, 0 or more"),
@@ -664,16 +664,21 @@ fn refused(key: &str, error: &toml::de::Error) -> Error {
         ("expected a sequence", "expected a list"),
         ("invalid type: sequence", "invalid type: a list"),
         ("invalid type: map", "invalid type: a section"),
-        ("expected struct OperatingPoint", "expected a section"),
+        ("invalid type: boolean", "invalid type: the value"),
         ("expected internally tagged enum Law", "expected a law's name, or a section with it"),
         ("invalid type: floating point", "invalid type: the number"),
         ("invalid type: integer", "invalid type: the number"),
         ("invalid type: string", "invalid type: the text"),
         ("expected a boolean", "expected true or false"),
+        ("expected a string", "expected text"),
         ("invalid value: integer", "invalid value:"),
     ];
-    let what =
-        WORDS.iter().fold(error.message().trim_end().to_string(), |what, (from, to)| what.replace(from, to));
+    let message = error.message().trim_end().to_string();
+    let what = WORDS.iter().fold(message, |what, (from, to)| what.replace(from, to));
+    // Their names follow, which are Rust's.
+    let what = what
+        .split_once("expected struct ")
+        .map_or(what.clone(), |(before, _)| format!("{before}expected a section"));
     Error::setting(key, format!("{what}; configs/default.toml lists every key"))
 }
 
