@@ -179,7 +179,13 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
     assert_eq!(Features::required_by(scene, &light), none);
     let eye = default_viewpoint(scene, config.view.fov_y);
     let fov = FieldOfView::symmetric(eye.fov_y, f64::from(WIDTH) / f64::from(HEIGHT));
-    let view = View { world_from_eye: eye.world_from_eye, fov, width: WIDTH, height: HEIGHT };
+    let view = View {
+        world_from_eye: eye.world_from_eye,
+        fov,
+        width: WIDTH,
+        height: HEIGHT,
+        spacing: Default::default(),
+    };
     let pattern = Pattern::new(&view, &config.foveation.law, DVec2::splat(0.5), SAMPLES);
     let open = |features: &Features| {
         let tracer =

@@ -45,7 +45,7 @@ fn main() {
 
 fn view(world_from_eye: Pose, fov_y: f64, width: u32, height: u32) -> View {
     let fov = FieldOfView::symmetric(fov_y, f64::from(width) / f64::from(height));
-    View { world_from_eye, fov, width, height }
+    View { world_from_eye, fov, width, height, spacing: Default::default() }
 }
 
 /// Splitting and observing, without any device.

@@ -121,7 +121,13 @@ fn measure(scene: &str, machine: &Machine, arguments: &Arguments) -> Vec<Row> {
     let loaded = load(scene, &full);
     let viewpoint = default_viewpoint(&loaded.scene, full.view.fov_y);
     let fov = FieldOfView::symmetric(viewpoint.fov_y, f64::from(WIDTH) / f64::from(HEIGHT));
-    let view = View { world_from_eye: viewpoint.world_from_eye, fov, width: WIDTH, height: HEIGHT };
+    let view = View {
+        world_from_eye: viewpoint.world_from_eye,
+        fov,
+        width: WIDTH,
+        height: HEIGHT,
+        spacing: Default::default(),
+    };
     let plan = Plan::mono(view);
 
     let mut renderers: Vec<Renderer> = METHODS

@@ -51,8 +51,13 @@ fn jumps(
     repeats: usize,
 ) -> String {
     let across = f64::from(width) / f64::from(height);
-    let view =
-        View { world_from_eye: Pose::IDENTITY, fov: FieldOfView::symmetric(1.4, across), width, height };
+    let view = View {
+        world_from_eye: Pose::IDENTITY,
+        fov: FieldOfView::symmetric(1.4, across),
+        width,
+        height,
+        spacing: Default::default(),
+    };
     let mut reconstruction =
         Reconstruction::new(context, Settings { mode, ..Settings::default() }).expect("shaders");
     let mut times: Vec<Vec<f64>> = vec![Vec::new(); STAGES.len() + 2];

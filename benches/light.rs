@@ -44,7 +44,13 @@ fn main() {
         _ => rest,
     };
     let fov = FieldOfView::symmetric(70f64.to_radians(), size[0] / size[1]);
-    let plan = Plan::mono(View { world_from_eye: eye, fov, width: size[0] as u32, height: size[1] as u32 });
+    let plan = Plan::mono(View {
+        world_from_eye: eye,
+        fov,
+        width: size[0] as u32,
+        height: size[1] as u32,
+        spacing: Default::default(),
+    });
 
     let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
     let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");

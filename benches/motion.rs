@@ -126,7 +126,7 @@ fn plan(loaded: &Loaded) -> Plan {
     let from = default_viewpoint(&loaded.scene, 60.0);
     let (width, height) = (640, 400);
     let fov = FieldOfView::symmetric(from.fov_y, f64::from(width) / f64::from(height));
-    Plan::mono(View { world_from_eye: from.world_from_eye, fov, width, height })
+    Plan::mono(View { world_from_eye: from.world_from_eye, fov, width, height, spacing: Default::default() })
 }
 
 /// Frames of two renderers in turn, after some that do not count.

@@ -110,7 +110,13 @@ fn measure(
     let loaded = load(scene);
     let viewpoint = default_viewpoint(&loaded.scene, 70.0);
     let fov = FieldOfView::symmetric(viewpoint.fov_y, 1.6);
-    let view = View { world_from_eye: viewpoint.world_from_eye, fov, width: 1280, height: 800 };
+    let view = View {
+        world_from_eye: viewpoint.world_from_eye,
+        fov,
+        width: 1280,
+        height: 800,
+        spacing: Default::default(),
+    };
     let pattern = Pattern::new(&view, &Law::default(), glam::DVec2::splat(0.5), 55_000);
     let shape = shape_of(loaded.scene);
     let (positions, triangles) = (&shape.mesh.positions, &shape.mesh.triangles);

@@ -33,7 +33,13 @@ fn main() -> Result<()> {
     let eye = default_viewpoint(&loaded.scene, config.view.fov_y);
     let (width, height) = SIZE;
     let fov = FieldOfView::symmetric(eye.fov_y, f64::from(width) / f64::from(height));
-    let plan = Plan::mono(View { world_from_eye: eye.world_from_eye, fov, width, height });
+    let plan = Plan::mono(View {
+        world_from_eye: eye.world_from_eye,
+        fov,
+        width,
+        height,
+        spacing: Default::default(),
+    });
     // The eye looks a little to the left of the middle.
     let report = renderer.frame(&plan, &[DVec2::new(0.4, 0.5)], config.trace.seed)?;
     let save = image::save_buffer(&out, &renderer.picture()?, width, height, image::ColorType::Rgba8);

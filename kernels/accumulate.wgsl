@@ -6,9 +6,10 @@
 // A frame of a view whose samples are looked up: the last one of the same view, or the newest one of the other eye.
 struct Source {
     rays: Rays,
+    spacing: Spacing,
     // This view's eye relative to that one's, in metres in world orientation; w is 0 where nothing can be looked up.
     offset: vec4<f32>,
-    // Pixel of that view from a point p relative to its eye: (x . p, y . p) / (ahead . p).
+    // Where in that view's picture, in pixels, a point p relative to its eye is seen: (x . p, y . p) / (ahead . p).
     x: vec4<f32>,
     y: vec4<f32>,
     ahead: vec4<f32>,
@@ -23,6 +24,7 @@ struct Sources {
 
 struct Parameters {
     rays: Rays,
+    spacing: Spacing,
     // Samples.
     count: u32,
     // Neighbours whose mean tells whether light has changed, the sample itself included.
@@ -116,9 +118,10 @@ fn brightness(first: vec4<u32>, second: vec4<u32>) -> f32 {
 // outside of it x is -1.
 fn seen_at(source: Source, point: vec3<f32>) -> vec2<f32> {
     let ahead = dot(source.ahead.xyz, point);
-    let at = vec2(dot(source.x.xyz, point), dot(source.y.xyz, point)) / ahead;
-    let inside = ahead > 0.0 && all(at >= vec2(0.0)) && all(at < vec2<f32>(source.size.xy));
-    return select(vec2(-1.0), at - 0.5, inside && source.offset.w != 0.0);
+    let seen = vec2(dot(source.x.xyz, point), dot(source.y.xyz, point)) / ahead - 0.5;
+    let at = vec2(pixel_of_point(source.spacing.columns, seen.x), pixel_of_point(source.spacing.rows, seen.y));
+    let inside = ahead > 0.0 && all(at >= vec2(-0.5)) && all(at < vec2<f32>(source.size.xy) - 0.5);
+    return select(vec2(-1.0), at, inside && source.offset.w != 0.0);
 }
 
 fn pixel_of(source: Source, at: vec2<f32>) -> u32 {
@@ -129,7 +132,7 @@ fn pixel_of(source: Source, at: vec2<f32>) -> u32 {
 // How well a source's sample agrees with a point, which is relative to the source's eye.
 fn agreement(source: Source, point: Point, packed: u32, first: vec4<u32>, second: vec4<u32>) -> f32 {
     let depth = bitcast<f32>(first.w);
-    let there = point_at(source.rays, f32(packed & 0xffffu), f32(packed >> 16u), depth);
+    let there = point_at(source.rays, source.spacing, f32(packed & 0xffffu), f32(packed >> 16u), depth);
     let exponent = normal_exponent(point.normal, unpack_normal24(second.w), parameters.normal_power)
         + plane_exponent(point.normal, there - point.point, parameters.plane_tolerance, point.pixel_width);
     return select(0.0, exp2(exponent), is_usable(first, second));
@@ -258,7 +261,7 @@ fn brightness_around(index: u32, point: Point) -> f32 {
         let first = fresh[3u * other];
         let second = fresh[3u * other + 1u];
         let packed = positions[other];
-        let there = point_at(parameters.rays, f32(packed & 0xffffu), f32(packed >> 16u), bitcast<f32>(first.w));
+        let there = point_at(parameters.rays, parameters.spacing, f32(packed & 0xffffu), f32(packed >> 16u), bitcast<f32>(first.w));
         let exponent = normal_exponent(point.normal, unpack_normal24(second.w), parameters.normal_power)
             + plane_exponent(point.normal, there - point.point, parameters.plane_tolerance, point.pixel_width);
         let weight = select(0.0, exp2(exponent), is_usable(first, second));
@@ -309,8 +312,8 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = vec2(packed & 0xffffu, packed >> 16u);
     let depth = bitcast<f32>(first.w);
     let normal = unpack_normal24(second.w);
-    let width = parameters.pixel_width * depth;
-    let here = Point(vec2<f32>(at), point_at(parameters.rays, f32(at.x), f32(at.y), depth), normal, width);
+    let width = parameters.pixel_width * depth * pixel_scale(parameters.spacing, vec2<f32>(at));
+    let here = Point(vec2<f32>(at), point_at(parameters.rays, parameters.spacing, f32(at.x), f32(at.y), depth), normal, width);
     let seen = visibility[at.y * parameters.width + at.x];
     let roughness = roughness_of(seen);
     let moves = (seen.mapped & SURFACE_MOVES) != 0u;

@@ -117,7 +117,7 @@ __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_vi
     step.t = INFINITY;
     uint rays = 1;
     if (trace_ray(&scene, eye, load3(camera.origin_low), d, &step.t, &step.place, CLOSEST_FRONT, seed)) {
-        Surface s = surface_at(&scene, step.place, eye, load3(camera.origin_low), d, step.t * camera.step[0]);
+        Surface s = surface_at(&scene, step.place, eye, load3(camera.origin_low), d, step.t * pixel_footprint(&camera, (float2)(at & 0xffffu, at >> 16) + 0.5f));
         step.goes_on = false;
         if (!s.unlit)
             take_step(&scene, &shading, &s, -d, seed, &step, &rays);

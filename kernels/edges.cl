@@ -42,6 +42,8 @@ typedef struct {
     const Scene *scene;
     const Camera *camera;
     uint left, top;
+    // A pixel's width at depth 1 metre.
+    float pixel;
     uint triangle[WINDOW];
     float t[WINDOW];
     // Bit 31: whether the sun is seen.
@@ -65,6 +67,7 @@ static void load_window(Window *w, const Scene *scene, const Camera *camera, __g
     w->camera = camera;
     w->left = left;
     w->top = top;
+    w->pixel = pixel_width(camera, (float2)(left, top) + 0.5f * BLOCK);
     w->kept = NONE;
     w->next = 0u;
     for (uint row = 0; row < AROUND; ++row) {
@@ -126,7 +129,7 @@ static bool on_one_surface(Window *w, const Seen *a, const Seen *b)
     if (!IS_HIT(a->triangle) || !IS_HIT(b->triangle))
         return false;
     Flat p = flat_of(w, a), q = flat_of(w, b);
-    float allowed = SAME_PLANE * w->camera->step[0] * min(a->t, b->t);
+    float allowed = SAME_PLANE * w->pixel * min(a->t, b->t);
     return p.material == q.material && dot3(p.normal, q.normal) >= SAME_NORMAL &&
            min(fabs(dot3(p.normal, b->d) * b->t - p.plane), fabs(dot3(q.normal, a->d) * a->t - q.plane)) <= allowed;
 }

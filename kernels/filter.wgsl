@@ -4,6 +4,7 @@
 
 struct Parameters {
     rays: Rays,
+    spacing: Spacing,
     // Samples.
     count: u32,
     // Neighbours that are averaged, the sample itself included.
@@ -109,8 +110,8 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = f32(at >> 16u);
     let normal = unpack_normal24(own.normal);
     let sun_centre = own.normal >> 24u & 1u;
-    let point = point_at(parameters.rays, x, y, own.depth);
-    let pixel_width = parameters.pixel_width * own.depth;
+    let point = point_at(parameters.rays, parameters.spacing, x, y, own.depth);
+    let pixel_width = parameters.pixel_width * own.depth * pixel_scale(parameters.spacing, vec2(x, y));
 
     let farthest = positions[nearest[(parameters.neighbours - 1u) * parameters.count + id.x]];
     let reach_x = f32(farthest & 0xffffu) - x;
@@ -141,7 +142,7 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         if !(is_usable(other) && other.depth > 0.0) {
             continue;
         }
-        let offset = point_at(parameters.rays, other_x, other_y, other.depth) - point;
+        let offset = point_at(parameters.rays, parameters.spacing, other_x, other_y, other.depth) - point;
         let alike = exp2(normal_exponent(normal, unpack_normal24(other.normal), parameters.normal_power)
             + plane_exponent(normal, offset, parameters.plane_tolerance, pixel_width));
         let guide = select(alike, 1.0, hole || index == id.x);

@@ -1,6 +1,7 @@
 // Pixels from samples: a triangle that covers the target, and one fragment for each pixel.
 //#include shared/records.wgsl
 //#include shared/display.wgsl
+//#include shared/overlay.wgsl
 
 struct Parameters {
     rays: Rays,
@@ -56,12 +57,21 @@ struct Warp {
     rays: Rays,
     // The shown eye relative to the traced one, in metres; w is 0 where both are the same.
     offset: vec4<f32>,
-    // Pixel of the traced view, from a point p relative to its eye: (x . p, y . p) / (ahead . p).
+    // Where in the traced view's picture, in pixels, a point p relative to its eye is seen: (x . p, y . p) / (ahead . p).
     x: vec4<f32>,
     y: vec4<f32>,
     ahead: vec4<f32>,
+    spacing: Spacing,
+    // Where the gaze is in the picture, in pixels from the centre of the first one; what is drawn over it.
+    overlay: vec4<f32>,
 }
 @group(0) @binding(6) var<storage, read> warp: array<Warp, 1>;
+// Radiance of the view's pixels, row after row, as `pack_radiance` leaves it.
+@group(0) @binding(7) var<storage, read_write> shaded: array<vec2<u32>>;
+
+// How far apart the view's pixels are; where they are not even, `shade_pixels` makes them and kernels/magnify.wgsl the
+// picture's pixels from these.
+var<private> spacing: Spacing;
 
 @vertex
 fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
@@ -106,7 +116,7 @@ fn warped(at: vec2<u32>) -> vec2<u32> {
         if !(depth > 0.0) {
             return found;
         }
-        let seen = point_at(parameters.rays, f32(found.x), f32(found.y), depth) - warp[0].offset.xyz;
+        let seen = point_at(parameters.rays, spacing, f32(found.x), f32(found.y), depth) - warp[0].offset.xyz;
         found = traced_pixel(warp[0].offset.xyz + direction * max(dot(axis, seen), 1e-3));
     }
     return found;
@@ -129,7 +139,11 @@ fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
         radiance += weight * unpack_radiance(packed);
         sum += weight;
     }
-    return encode(select(vec3(0.0), radiance / sum, sum > 0.0));
+    return overlaid(encode(select(vec3(0.0), radiance / sum, sum > 0.0)), vec2<f32>(at), is_sampled(at));
+}
+
+fn is_sampled(at: vec2<u32>) -> bool {
+    return positions[indices[place_in_band(at)] - parameters.first_sample] == (at.x | at.y << 16u);
 }
 
 // What a pixel gathers.
@@ -178,7 +192,7 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
     let sample = prepared[2u * index];
     let packed = positions[index];
     let depth = bitcast<f32>(sample.z);
-    let point = point_at(parameters.rays, f32(packed & 0xffffu), f32(packed >> 16u), depth);
+    let point = point_at(parameters.rays, spacing, f32(packed & 0xffffu), f32(packed >> 16u), depth);
     let by_normal = normal_exponent(surface.normal, unpack_axes(sample.w), parameters.normal_power);
     let by_plane = plane_exponent(
         surface.normal,
@@ -251,7 +265,18 @@ fn edge_of(normal: u32) -> Edge {
 
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    return guided_color(warped(view_pixel(position)));
+    let at = warped(view_pixel(position));
+    return overlaid(encode(guided_color(at)), vec2<f32>(at), is_sampled(at));
+}
+
+// All pixels of the view, 64 of a row in a group.
+@compute @workgroup_size(64)
+fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= parameters.width || id.y >= parameters.rows {
+        return;
+    }
+    spacing = warp[0].spacing;
+    shaded[id.y * parameters.width + id.x] = pack_radiance(max(guided_color(id.xy), vec3(0.0)));
 }
 
 struct PixelWithDepth {
@@ -262,7 +287,8 @@ struct PixelWithDepth {
 @fragment
 fn guided_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
     let at = warped(view_pixel(position));
-    return PixelWithDepth(guided_color(at), shown_depth(at));
+    let color = overlaid(encode(guided_color(at)), vec2<f32>(at), is_sampled(at));
+    return PixelWithDepth(color, shown_depth(at));
 }
 
 // How far what a traced pixel sees is from the shown eye, along its axis: 1 at the nearest depth, 0 infinitely
@@ -273,12 +299,12 @@ fn shown_depth(at: vec2<u32>) -> f32 {
         return 0.0;
     }
     let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
-    let seen = point_at(parameters.rays, f32(at.x), f32(at.y), depth) - warp[0].offset.xyz;
+    let seen = point_at(parameters.rays, spacing, f32(at.x), f32(at.y), depth) - warp[0].offset.xyz;
     return clamp(parameters.nearest_depth / max(dot(axis, seen), parameters.nearest_depth), 0.0, 1.0);
 }
 
-// The colour of a pixel, with what its neighbour shares of it.
-fn guided_color(at: vec2<u32>) -> vec4<f32> {
+// The radiance of a pixel, with what its neighbour shares of it.
+fn guided_color(at: vec2<u32>) -> vec3<f32> {
     var record = visibility[place_in_band(at)];
     let edge = edge_of(record.normal);
     let neighbour = vec2<u32>(vec2<i32>(at) + edge.step);
@@ -293,7 +319,7 @@ fn guided_color(at: vec2<u32>) -> vec4<f32> {
             record = visibility[place_in_band(neighbour)];
         }
     }
-    return encode(radiance);
+    return radiance;
 }
 
 fn place_in_band(at: vec2<u32>) -> u32 {
@@ -323,12 +349,12 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, thorough: bool) -> v
         return emission;
     }
     let place = vec2<f32>(at);
-    let point = point_at(parameters.rays, place.x, place.y, depth);
+    let point = point_at(parameters.rays, spacing, place.x, place.y, depth);
     let surface = Surface(
         place,
         unpack_normal24(record.normal),
         point,
-        parameters.pixel_width * depth,
+        parameters.pixel_width * depth * pixel_scale(spacing, place),
         record.normal >> 31u,
         unpack_normal24(record.mapped),
         record.reflected != 0u,

@@ -289,7 +289,8 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
             sample->radiance = background(scene, shading, d);
         return;
     }
-    Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d, hit.t * camera->step[0]);
+    Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
+                           hit.t * pixel_footprint(camera, (float2)(at & 0xffffu, at >> 16) + 0.5f));
     sample->surface = s;
     sample->radiance = s.emission;
     sample->depth = view_depth(camera, d, hit.t);

@@ -227,7 +227,7 @@ static void describe_layered(const Scene *scene, const Camera *camera, const Sha
             continue;
         float3 d = camera_ray(camera, x, y);
         Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
-                               hit.t * camera->step[0]);
+                               hit.t * pixel_footprint(camera, (float2)(x, y) + 0.5f));
         if (s.unlit || !describes_itself(&s))
             continue;
         VisibilityRecord record = records[pixel];
@@ -260,7 +260,7 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
     ulong background = find_groups(&scene, &camera, hits, left, top, columns, lines, &groups);
     ulong lit = 0ul;
 #if HAS_SUN
-    lit = pixels_in_sun(&scene, &camera, load3(shading.sun_direction), &groups, &counters[0]);
+    lit = pixels_in_sun(&scene, &camera, load3(shading.sun_direction), &groups, left, top, &counters[0]);
 #endif
     uint rays = 0u;
     for (uint i = 0; i < groups.count; ++i)

@@ -19,6 +19,7 @@ use crate::error::{Error, Result};
 use crate::foveation::Law;
 use crate::gpu::opencl::Device;
 use crate::metrics::picture::MAX_PIXELS;
+use crate::reconstruct::Overlay;
 use crate::scene::sky::Sky;
 use crate::trace;
 
@@ -69,6 +70,8 @@ pub struct ViewConfig {
     pub exposure: ExposureConfig,
     /// The least and the most stops of automatic exposure.
     pub exposure_range: [f64; 2],
+    /// What is drawn over the picture to show how it is made.
+    pub overlay: Overlay,
 }
 
 /// How both eyes get their pictures.
@@ -91,6 +94,9 @@ pub struct FoveationConfig {
     pub law: Law,
     /// How many there are in each traced view; by default at most as many as it has pixels.
     pub samples: Samples,
+    /// How fast the angle that camera rays may be apart grows with eccentricity, in degrees per degree: see
+    /// [`crate::foveation::spaced`]. 0: a ray for each pixel.
+    pub visibility_slope: f64,
 }
 
 /// Shaded samples by default, as a share of the pixels: the paper's 55,000 for 1280 x 800.
@@ -417,13 +423,14 @@ impl Default for ViewConfig {
             fov_y: 70.0,
             exposure: ExposureConfig::default(),
             exposure_range: [-20.0, 10.0],
+            overlay: Overlay::default(),
         }
     }
 }
 
 impl Default for FoveationConfig {
     fn default() -> Self {
-        FoveationConfig { law: Law::default(), samples: Samples::Share(USUAL_SHARE) }
+        FoveationConfig { law: Law::default(), samples: Samples::Share(USUAL_SHARE), visibility_slope: 0.011 }
     }
 }
 
@@ -727,6 +734,11 @@ impl Config {
         range("view.exposure_range", least, -40.0, 40.0)?;
         range("view.exposure_range", most, least, 40.0)?;
         self.foveation.law.validate()?;
+        let slope = self.foveation.visibility_slope;
+        if !(0.0..=1.0).contains(&slope) {
+            let problem = format!("it is {slope}, and has to be from 0 to 1 degree per degree");
+            return Err(Error::setting("foveation.visibility_slope", problem));
+        }
         if let Samples::Share(share) = self.foveation.samples {
             budget::check_share("foveation.samples", share)?;
         }
@@ -987,7 +999,11 @@ mod tests {
         let config = layers.finish().unwrap();
         assert_eq!(
             config.foveation,
-            FoveationConfig { law: Law::LogPolar { alpha: 2.0 }, samples: Samples::Count(2_000_000) }
+            FoveationConfig {
+                law: Law::LogPolar { alpha: 2.0 },
+                samples: Samples::Count(2_000_000),
+                visibility_slope: 0.011
+            }
         );
     }
 

@@ -215,6 +215,8 @@ pub struct Camera {
     pub corner: [f32; 2],
     /// See `corner`: x grows to the right, y falls downwards.
     pub step: [f32; 2],
+    /// How far apart its pixels are, across and down: [`crate::math::spacing::Axis::packed`], all 0 where even.
+    pub spacing: [[f32; 4]; 2],
     /// Pixels across.
     pub width: u32,
     /// Pixels down.

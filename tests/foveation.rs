@@ -12,7 +12,7 @@ const LAWS: [&str; 5] = ["paper", "linear-mar", "log-polar", "uniform", "full"];
 /// A view with another angle to each side, as headsets have.
 fn view(width: u32, height: u32) -> View {
     let fov = FieldOfView { left: -1.6, right: 1.2, up: 0.95, down: -0.8 };
-    View { world_from_eye: Pose::IDENTITY, fov, width, height }
+    View { world_from_eye: Pose::IDENTITY, fov, width, height, spacing: Default::default() }
 }
 
 fn law(name: &str) -> Law {

@@ -72,7 +72,7 @@ fn lookout(loaded: &Loaded) -> Pose {
 
 fn view(loaded: &Loaded) -> View {
     let fov = FieldOfView::symmetric(50f64.to_radians(), f64::from(WIDTH) / f64::from(HEIGHT));
-    View { world_from_eye: lookout(loaded), fov, width: WIDTH, height: HEIGHT }
+    View { world_from_eye: lookout(loaded), fov, width: WIDTH, height: HEIGHT, spacing: Default::default() }
 }
 
 fn renderer((device, context): &(Device, Context), loaded: &Loaded, config: &Config) -> Renderer {
@@ -365,6 +365,91 @@ fn frames_at_rest_hold_still_and_a_switch_makes_them_stand_alone() {
     println!("to light without noise: {noisy:.1} dB alone, {settled:.1} dB with reuse");
     assert!(settled > noisy + 6.0, "{noisy} {settled}");
     assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
+}
+
+/// Camera rays fall off with the eye: fewer of them, the same where it looks, and nearly the same picture; not where
+/// every pixel is to be right.
+#[test]
+fn camera_rays_fall_off_outside_of_the_gaze() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let gaze = DVec2::new(0.3, 0.55);
+    let plan = Plan::mono(view(&loaded));
+    let at = |slope: f64, samples: Samples| {
+        let mut config = config(Method::Guided, samples, 32);
+        config.foveation.visibility_slope = slope;
+        let mut renderer = renderer(&machine, &loaded, &config);
+        let rays = renderer.frame(&plan, &[gaze], 3).unwrap().rays;
+        let seen = picture(&mut renderer, &plan, &[gaze]);
+        (rays, renderer.depths(0), seen)
+    };
+    let dense = at(0.0, Samples::Count(6000));
+    let fewer = at(0.12, Samples::Count(6000));
+    let (all, rest) = (u64::from(WIDTH * HEIGHT), dense.0 - u64::from(WIDTH * HEIGHT));
+    assert!(
+        fewer.0 < dense.0 - all / 4,
+        "{} rays, {} and {rest} of light where they do not fall off",
+        fewer.0,
+        all
+    );
+    let (mut near, mut far, mut apart) = (0, 0, 0);
+    for (index, (&depth, &other)) in dense.1.iter().zip(&fewer.1).enumerate() {
+        let (x, y) = (index as u32 % WIDTH, index as u32 / WIDTH);
+        let away =
+            DVec2::new(f64::from(x), f64::from(y)) - gaze * DVec2::new(f64::from(WIDTH), f64::from(HEIGHT));
+        if away.length() < 0.05 * f64::from(WIDTH) {
+            assert_eq!(depth, other, "{x} {y}");
+            near += 1;
+        } else {
+            far += 1;
+            apart += usize::from((depth - other).abs() > 0.02 * depth.max(other));
+        }
+    }
+    assert!(near > 100 && apart * 5 < far && apart > 20, "{near} {far} {apart}");
+    let quality = psnr(&fewer.2, &dense.2);
+    println!("{quality:.1} dB between them, {} and {} rays", dense.0, fewer.0);
+    assert!(quality > 24.0, "{quality}");
+    assert_eq!(at(0.12, Samples::Full).1, at(0.0, Samples::Full).1, "full pictures have all their rays");
+    assert_eq!(machine.1.validation_messages(), Vec::<String>::new());
+}
+
+/// The overlay shows the samples that are there, each once, the gaze where it is, and rays where they are denser.
+#[test]
+fn the_overlay_shows_where_samples_gaze_and_rays_are() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let (gaze, size) = (DVec2::new(0.3, 0.55), DVec2::new(f64::from(WIDTH), f64::from(HEIGHT)));
+    let plan = Plan::mono(view(&loaded));
+    let [sample, ring] = [[0.3, 1.0, 0.2], [1.0, 0.9, 0.1]];
+    for (method, slope) in [(Method::KNearest, 0.0), (Method::Guided, 0.0), (Method::Guided, 0.12)] {
+        let mut config = config(method, Samples::Count(800), 4);
+        config.foveation.visibility_slope = slope;
+        let mut shown = |overlay: &str| {
+            config.view.overlay = overlay.parse().unwrap();
+            picture(&mut renderer(&machine, &loaded, &config), &plan, &[gaze])
+        };
+        let (plain, samples, rays) = (shown(""), shown("samples"), shown("rays"));
+        let marked = samples.pixels.iter().filter(|&&pixel| pixel == sample).count();
+        // Pixels at the border that are wider may have their centres beyond it.
+        let least = if slope > 0.0 { 740 } else { 796 };
+        assert!((least..=800).contains(&marked), "{method:?} {slope}: {marked}");
+        let differing = |other: &Picture| -> Vec<DVec2> {
+            let at = |i: usize| DVec2::new((i as u32 % WIDTH).into(), (i as u32 / WIDTH).into());
+            (0..plain.pixels.len()).filter(|&i| plain.pixels[i] != other.pixels[i]).map(at).collect()
+        };
+        assert!(differing(&samples).len() <= 800);
+        let around = shown("gaze");
+        let away = |at: &DVec2| (*at + 0.5 - gaze * size).length();
+        let ringed = differing(&around);
+        assert!(ringed.len() > 40 && ringed.iter().all(|at| away(at) < 12.0), "{method:?}");
+        assert!(around.pixels.contains(&ring));
+        // A quarter of the pixels have a line beside them where each has its ray.
+        let lines = differing(&rays);
+        let (near, far): (Vec<&DVec2>, Vec<&DVec2>) = lines.iter().partition(|at| away(at) < 20.0);
+        let far_share = far.len() as f64 / (size.x * size.y - 1257.0);
+        assert!((0.15..0.3).contains(&(near.len() as f64 / 1257.0)), "{}", near.len());
+        assert_eq!(far_share < 0.2, slope > 0.0, "{method:?} {slope}: {far_share}");
+    }
 }
 
 /// Half the light rays where the view stays, all of them at first, after a turn, and for frames that stand alone.

@@ -23,7 +23,7 @@ const KINDS: [(Weights, WeightKind); 3] = [
 
 fn view(width: u32, height: u32) -> View {
     let fov = FieldOfView { left: -1.4, right: 1.1, up: 0.9, down: -0.8 };
-    View { world_from_eye: Pose::IDENTITY, fov, width, height }
+    View { world_from_eye: Pose::IDENTITY, fov, width, height, spacing: Default::default() }
 }
 
 /// Independent uniform colours, one for each sample.
@@ -57,6 +57,7 @@ fn render(
         visibility: None,
         sun: None,
         least_expected: 0.01,
+        overlay: Default::default(),
         shown_from: None,
         other: None,
         exposure: 0.0,

@@ -82,7 +82,8 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let viewpoint = default_viewpoint(&loaded.scene, 70.0);
     let [width, height] = arguments.size;
     let fov = FieldOfView::symmetric(viewpoint.fov_y, f64::from(width) / f64::from(height));
-    let view = View { world_from_eye: viewpoint.world_from_eye, fov, width, height };
+    let view =
+        View { world_from_eye: viewpoint.world_from_eye, fov, width, height, spacing: Default::default() };
     let pattern = Pattern::new(&view, &Law::default(), glam::DVec2::splat(0.5), arguments.samples);
     let (shape, tree) = (shape_of(loaded.scene), loaded.bvh);
 

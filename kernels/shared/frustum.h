@@ -63,7 +63,7 @@ static float3 block_ray(const Block *b, uint i)
     return (float3)(((float *)b->dx)[i], ((float *)b->dy)[i], ((float *)b->dz)[i]);
 }
 
-// The frustum of all rays between two points of the picture, which have hit nothing yet.
+// The frustum of all rays between two points of the view, which have hit nothing yet.
 static void bound_rays(Block *b, const Camera *camera, float2 upper_left, float2 lower_right, uint pairs)
 {
     for (uint y = 0; y < ROW_PAIRS; ++y) {
@@ -72,7 +72,9 @@ static void bound_rays(Block *b, const Camera *camera, float2 upper_left, float2
     }
     b->pairs = pairs;
     float2 step = (float2)(camera->step[0], camera->step[1]), corner = (float2)(camera->corner[0], camera->corner[1]);
-    float2 from = fma(upper_left, step, corner), to = fma(lower_right, step, corner);
+    float2 first = (float2)(picture_point(camera->spacing[0], upper_left.x), picture_point(camera->spacing[1], upper_left.y));
+    float2 last = (float2)(picture_point(camera->spacing[0], lower_right.x), picture_point(camera->spacing[1], lower_right.y));
+    float2 from = fma(first, step, corner), to = fma(last, step, corner);
     float2 margin = fabs(step) * MARGIN_IN_PIXELS + (max(fabs(from), fabs(to)) + 1.0f) * RELATIVE_MARGIN;
     float2 least = min(from, to) - margin, most = max(from, to) + margin;
     float3 right = load3(camera->rotation[0]), up = load3(camera->rotation[1]), back = load3(camera->rotation[2]);
@@ -86,19 +88,20 @@ static void bound_rays(Block *b, const Camera *camera, float2 upper_left, float2
     b->sides[3] = plane_along(-up - back * most.y);
 }
 
-// The frustum of the 64 pixels from (left, top) on.
+// The frustum of the 64 pixels from (left, top) on, as far as they lie in the view.
 static void bound_block(Block *b, const Camera *camera, uint left, uint top)
 {
-    bound_rays(b, camera, (float2)(left, top), (float2)(left + BLOCK, top + BLOCK), ROW_PAIRS);
+    float2 end = (float2)(min(left + BLOCK, camera->width), min(top + BLOCK, camera->height));
+    bound_rays(b, camera, (float2)(left, top), end, ROW_PAIRS);
 }
 
-// One ray for each pixel from (left, top) on; some may lie outside the picture.
+// One ray for each pixel from (left, top) on; in place of those beyond the view, its last ones.
 static void set_block(Block *b, const Camera *camera, uint left, uint top)
 {
     bound_block(b, camera, left, top);
     float16 x[ROW_PAIRS], y[ROW_PAIRS];
     for (uint i = 0; i < BLOCK * BLOCK; ++i) {
-        float2 point = point_of_pixel(camera, left + i % BLOCK, top + i / BLOCK);
+        float2 point = point_of_pixel(camera, min(left + i % BLOCK, camera->width - 1u), min(top + i / BLOCK, camera->height - 1u));
         ((float *)x)[i] = point.x;
         ((float *)y)[i] = point.y;
     }

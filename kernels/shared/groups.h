@@ -10,8 +10,8 @@ static Vectors camera_rays(const Camera *camera, uint8 x, uint8 y)
             at_x.lane[i] = point.x;
             at_y.lane[i] = point.y;
         }
-    float8 ex = fma(at_x.vector, (float8)camera->step[0], (float8)camera->corner[0]);
-    float8 ey = fma(at_y.vector, (float8)camera->step[1], (float8)camera->corner[1]);
+    float8 ex = fma(picture_points8(camera->spacing[0], at_x.vector), (float8)camera->step[0], (float8)camera->corner[0]);
+    float8 ey = fma(picture_points8(camera->spacing[1], at_y.vector), (float8)camera->step[1], (float8)camera->corner[1]);
     float3 right = load3(camera->rotation[0]), up = load3(camera->rotation[1]), back = load3(camera->rotation[2]);
     Vectors d = {right.x * ex + up.x * ey - back.x, right.y * ex + up.y * ey - back.y, right.z * ex + up.z * ey - back.z};
     return units_or(d, -back);
@@ -67,7 +67,8 @@ static Group group_of(const Scene *scene, const Camera *camera, const Facet *f, 
     g.d = camera_rays(camera, left + (place & (BLOCK - 1u)), top + place / BLOCK);
     g.weights = weights_of_hits(f, g.d);
 #if HAS_TEXTURES
-    float8 width = g.t * camera->step[0] * rsqrt(max(fabs(dots_with(g.d, f->geometric)), 0.05f));
+    float pixel = pixel_footprint(camera, (float2)(left + place.s0 % BLOCK, top + place.s0 / BLOCK) + 0.5f);
+    float8 width = g.t * pixel * rsqrt(max(fabs(dots_with(g.d, f->geometric)), 0.05f));
     float mean = (width.s0 + width.s1 + width.s2 + width.s3 + width.s4 + width.s5 + width.s6 + width.s7) * 0.125f;
     for (uint set = 0; set < 2u; ++set) {
         __global const float2 *uv = set ? scene->uv1 : scene->uv0;

@@ -168,8 +168,46 @@ struct Rays {
     down: vec4<f32>,
 }
 
-fn point_at(rays: Rays, x: f32, y: f32, depth: f32) -> vec3<f32> {
-    return depth * (rays.corner.xyz + rays.across.xyz * x + rays.down.xyz * y);
+// How far apart a view's pixels are, across and down: `Axis` of src/math/spacing.rs as (gaze, origin, radius, growth), in
+// pixels from the centre of the first one; all 0 where they are the picture's own.
+struct Spacing {
+    columns: vec4<f32>,
+    rows: vec4<f32>,
+}
+
+// Where in the picture a column or row of the view lies.
+fn picture_point(axis: vec4<f32>, pixel: f32) -> f32 {
+    if axis.w == 0.0 {
+        return pixel;
+    }
+    let away = pixel - axis.y;
+    let beyond = max(abs(away) - axis.z, 0.0);
+    return axis.x + sign(away) * (min(abs(away), axis.z) + beyond / (1.0 - axis.w * beyond));
+}
+
+// Undoes `picture_point`.
+fn pixel_of_point(axis: vec4<f32>, point: f32) -> f32 {
+    if axis.w == 0.0 {
+        return point;
+    }
+    let away = point - axis.x;
+    let beyond = max(abs(away) - axis.z, 0.0);
+    return axis.y + sign(away) * (min(abs(away), axis.z) + beyond / (1.0 + axis.w * beyond));
+}
+
+fn pixels_covered(axis: vec4<f32>, pixel: f32) -> f32 {
+    let shrunk = 1.0 - axis.w * max(abs(pixel - axis.y) - axis.z, 0.0);
+    return 1.0 / (shrunk * shrunk);
+}
+
+// How many of the picture's pixels one covers across or down, whichever is more.
+fn pixel_scale(spacing: Spacing, at: vec2<f32>) -> f32 {
+    return max(pixels_covered(spacing.columns, at.x), pixels_covered(spacing.rows, at.y));
+}
+
+fn point_at(rays: Rays, spacing: Spacing, x: f32, y: f32, depth: f32) -> vec3<f32> {
+    return depth * (rays.corner.xyz + rays.across.xyz * picture_point(spacing.columns, x)
+        + rays.down.xyz * picture_point(spacing.rows, y));
 }
 
 // How well two surface points agree to lie on one surface, as exponents of 2: 0 is fully, less is worse.

@@ -24,7 +24,8 @@ static ulong origins_of_group(const Group *g, const Facet *f, float3 sun, Origin
 }
 
 // The pixels of a block that see the sun; adds the rays that it took to `rays`.
-static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun, const Groups *groups, __global uint *rays)
+static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun, const Groups *groups, uint left, uint top,
+                           __global uint *rays)
 {
     Origins origins;
     ulong waiting = 0ul, visible = 0ul;
@@ -39,8 +40,9 @@ static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun,
         atomic_add(rays, (uint)popcount(waiting));
     while (waiting) {
         uint leader = lowest_bit64(waiting);
+        float pixel = pixel_width(camera, (float2)(left + leader % BLOCK, top + leader / BLOCK) + 0.5f);
         Beam beam;
-        start_beam(&beam, &origins, waiting, leader, t[leader] * camera->step[0] * BEAM_WIDTH, sun);
+        start_beam(&beam, &origins, waiting, leader, t[leader] * pixel * BEAM_WIDTH, sun);
         waiting &= ~beam.rays;
         visible |= beam.rays & ~trace_beam(scene, &beam, PASS_BY_HALF);
     }

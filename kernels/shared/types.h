@@ -30,6 +30,7 @@ typedef struct {
     float origin_low[4];
     float corner[2];
     float step[2];
+    float spacing[2][4];
     uint width;
     uint height;
     uint seed;

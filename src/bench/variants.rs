@@ -76,6 +76,7 @@ pub fn examine(device: &Device, traversals: &[Traversal]) -> Result<Findings> {
         fov: FieldOfView::symmetric(1.0, 1.0),
         width: SIDE,
         height: SIDE,
+        spacing: Default::default(),
     };
     let pattern = Pattern::new(&view, &Law::default(), DVec2::splat(0.5), SAMPLES);
     let truth = truth(&shape, &view, &pattern);

@@ -153,7 +153,13 @@ fn open(config: &Config) -> Result<Vec<Device>> {
 fn view(args: &Args, config: &Config, loaded: &Loaded) -> Result<View> {
     let (world_from_eye, fov_y) = args.options.view.viewpoint(&loaded.scene, config)?;
     let (width, height) = (config.view.width, config.view.height);
-    Ok(View { world_from_eye, fov: eye_fov(fov_y, width, height), width, height })
+    Ok(View {
+        world_from_eye,
+        fov: eye_fov(fov_y, width, height),
+        width,
+        height,
+        spacing: Default::default(),
+    })
 }
 
 fn time_to_build(scene: &Scene) -> f64 {

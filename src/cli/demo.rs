@@ -65,6 +65,8 @@ pub fn run(args: &Args) -> Result<()> {
     let mut defaults = stereo_defaults();
     if args.window && args.headset.is_none() {
         defaults.view.stereo = Stereo::Mono;
+        // Eyes that nothing follows look anywhere in a window.
+        defaults.foveation.visibility_slope = 0.0;
     }
     if args.scene.is_none() {
         args.options.scene.refuse("it chooses in a file, and the demo scene is shown; give a file too")?;

@@ -242,7 +242,13 @@ fn shares(devices: &[Device], context: &Context, config: &Config) -> Result<Vec<
     let eye = default_viewpoint(&loaded.scene, config.view.fov_y);
     let [width, height] = SIZE;
     let fov = eye_fov(eye.fov_y, width, height);
-    let plan = Plan::mono(View { world_from_eye: eye.world_from_eye, fov, width, height });
+    let plan = Plan::mono(View {
+        world_from_eye: eye.world_from_eye,
+        fov,
+        width,
+        height,
+        spacing: Default::default(),
+    });
     let mut last = renderer.frame(&plan, &[], 0)?;
     for seed in 1..FRAMES {
         last = renderer.frame(&plan, &[], seed)?;

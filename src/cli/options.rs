@@ -125,12 +125,15 @@ pub trait Options {
         self.finished(&self.layers(layers)?)
     }
 
-    /// The same for one picture: a sample at each pixel is shown as it is, unless a reconstruction is asked for.
+    /// The same for one picture, which is looked at everywhere: each pixel has its camera ray, unless settings say
+    /// otherwise, and a sample at each pixel is shown as it is, unless a reconstruction is asked for.
     ///
     /// # Errors
     /// As [`Options::config_over`].
     fn config_for_picture(&self) -> Result<Config> {
-        let layers = self.layers(Layers::default())?;
+        let mut defaults = Config::default();
+        defaults.foveation.visibility_slope = 0.0;
+        let layers = self.layers(Layers::over(defaults))?;
         let mut config = self.finished(&layers)?;
         let reconstructed = ["reconstruction.method", "reconstruction.k"].iter().any(|key| layers.gives(key));
         if config.foveation.samples == Samples::Full && !reconstructed {

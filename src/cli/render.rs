@@ -159,7 +159,13 @@ pub fn plan_at(config: &Config, head: Pose, fov_y: f64) -> Result<Plan> {
     let (width, height) = (config.view.width, config.view.height);
     if config.view.stereo == Stereo::Mono {
         let fov = eye_fov(fov_y, width, height);
-        return Ok(Plan::mono(View { world_from_eye: head, fov, width, height }));
+        return Ok(Plan::mono(View {
+            world_from_eye: head,
+            fov,
+            width,
+            height,
+            spacing: Default::default(),
+        }));
     }
     let eye = width / 2;
     let eyes = parallel_eyes(head, config.view.ipd, eye_fov(fov_y, eye, height), eye, height);

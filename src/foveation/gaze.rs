@@ -185,7 +185,7 @@ mod tests {
 
     fn view() -> View {
         let fov = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.1 };
-        View { world_from_eye: Pose::IDENTITY, fov, width: 960, height: 1080 }
+        View { world_from_eye: Pose::IDENTITY, fov, width: 960, height: 1080, spacing: Default::default() }
     }
 
     /// A direction that many degrees to the right of the axis.

@@ -167,7 +167,7 @@ const LEAST_DISTANCE: f64 = 2.0;
 
 /// The gaze in 0..1 that patterns use: one that is not a number becomes the view's optical centre, one
 /// that is very far outside is brought nearer.
-fn usable_gaze(view: &View, gaze: DVec2) -> DVec2 {
+pub(super) fn usable_gaze(view: &View, gaze: DVec2) -> DVec2 {
     let gaze = if gaze.is_nan() { view.optical_centre() } else { gaze };
     let gaze = if gaze.is_nan() { DVec2::splat(0.5) } else { gaze };
     gaze.clamp(DVec2::splat(-FARTHEST_GAZE), DVec2::splat(1.0 + FARTHEST_GAZE))
@@ -202,8 +202,9 @@ enum Form {
 }
 
 impl Density {
-    /// Makes a law ready; parameters are expected to be valid.
+    /// Makes a law ready for the picture that a view shows; parameters are expected to be valid.
     pub fn new(law: &Law, view: &View, gaze: DVec2) -> Self {
+        let view = &view.picture();
         let size = DVec2::new(f64::from(view.width), f64::from(view.height));
         let gaze = usable_gaze(view, gaze) * size;
         let form = match *law {
@@ -248,27 +249,25 @@ impl Density {
         }
     }
 
-    /// Relative densities at the pixel centres of row `y`, from the first pixel on, to some six digits.
-    pub fn row(&self, y: u32, out: &mut [f32]) {
-        let dy = (f64::from(y) + 0.5 - self.gaze.y) as f32;
-        let dx = 0.5 - self.gaze.x as f32;
-        let squared = |x: usize| {
-            let dx = x as f32 + dx;
+    /// Relative densities at points (x, y) of a row of the picture, in pixels, to some six digits.
+    pub fn row(&self, columns: &[f32], y: f64, out: &mut [f32]) {
+        let (dy, gaze_x) = ((y - self.gaze.y) as f32, self.gaze.x as f32);
+        let squared = |x: f32| {
+            let dx = x - gaze_x;
             dx * dx + dy * dy
         };
+        let points = columns.iter().zip(out.iter_mut());
         match self.form {
             Form::Power { least, half_exponent } => {
                 let (least, scale, power) = (least as f32, (1.0 / least) as f32, half_exponent as f32);
-                out.iter_mut()
-                    .enumerate()
-                    .for_each(|(x, d)| *d = (squared(x).max(least) * scale).powf(power));
+                points.for_each(|(&x, d)| *d = (squared(x).max(least) * scale).powf(power));
             }
             Form::LinearMar { per_radian, gaze } => {
-                let start = self.view.eye_direction(DVec2::new(0.5, f64::from(y) + 0.5)).as_vec3();
+                let start = self.view.eye_direction(DVec2::new(0.0, y)).as_vec3();
                 let step = (self.view.fov.right - self.view.fov.left) / f64::from(self.view.width);
                 let (step, gaze, per_radian) = (step as f32, gaze.as_vec3(), per_radian as f32);
-                out.iter_mut().enumerate().for_each(|(x, d)| {
-                    let x = start.x + step * x as f32;
+                points.for_each(|(&x, d)| {
+                    let x = start.x + step * x;
                     let inverse = 1.0 / (x * x + start.y * start.y + 1.0).sqrt();
                     let (ex, ey, ez) = (x * inverse - gaze.x, start.y * inverse - gaze.y, -inverse - gaze.z);
                     let half_chord = 0.5 * (ex * ex + ey * ey + ez * ez).sqrt();
@@ -278,7 +277,7 @@ impl Density {
             }
             Form::LogPolar { power } => {
                 let (least, power) = ((LEAST_DISTANCE * LEAST_DISTANCE) as f32, power as f32);
-                out.iter_mut().enumerate().for_each(|(x, d)| {
+                points.for_each(|(&x, d)| {
                     let squared = squared(x).max(least);
                     *d = (squared.ln() * 0.5).powf(power) / squared;
                 });
@@ -290,14 +289,14 @@ impl Density {
     /// The same for a view that is seen through a lens: laws of distances in pixels hold on the panel, so
     /// that what the lens shows smaller gets fewer samples. Laws of angles hold as they are, since a lens
     /// undoes in angle what it does to the panel.
-    pub(super) fn row_through(&self, lens: &Lens, y: u32, out: &mut [f32]) {
+    pub(super) fn row_through(&self, lens: &Lens, columns: &[f32], y: f64, out: &mut [f32]) {
         if let Form::LinearMar { .. } = self.form {
-            return self.row(y, out);
+            return self.row(columns, y, out);
         }
         let gaze = lens.shown((self.gaze - lens.centre()).as_vec2()).0;
-        let start = (DVec2::new(0.5, f64::from(y) + 0.5) - lens.centre()).as_vec2();
-        out.iter_mut().enumerate().for_each(|(x, density)| {
-            let (shown, area) = lens.shown(start + Vec2::X * x as f32);
+        let start = (DVec2::new(0.0, y) - lens.centre()).as_vec2();
+        columns.iter().zip(out).for_each(|(&x, density)| {
+            let (shown, area) = lens.shown(start + Vec2::X * x);
             *density = self.form.at_distance(shown.distance_squared(gaze)) * area;
         });
     }
@@ -346,7 +345,7 @@ mod tests {
 
     fn view() -> View {
         let fov = FieldOfView { left: -1.4, right: 1.1, up: 0.9, down: -0.8 };
-        View { world_from_eye: Pose::IDENTITY, fov, width: 700, height: 500 }
+        View { world_from_eye: Pose::IDENTITY, fov, width: 700, height: 500, spacing: Default::default() }
     }
 
     #[test]
@@ -404,11 +403,12 @@ mod tests {
     fn rows_agree_with_points() {
         let view = view();
         let mut row = vec![0.0; 700];
+        let columns: Vec<f32> = (0..700u16).map(|x| f32::from(x) + 0.5).collect();
         for name in NAMES {
             for gaze in [DVec2::splat(0.5), DVec2::new(-7.0, 3.0), DVec2::NAN, DVec2::new(0.001, 0.999)] {
                 let density = Density::new(&name.parse().unwrap(), &view, gaze);
                 for y in [0, 250, 499] {
-                    density.row(y, &mut row);
+                    density.row(&columns, f64::from(y) + 0.5, &mut row);
                     for (x, &value) in row.iter().enumerate() {
                         let exact = density.at(DVec2::new(x as f64 + 0.5, f64::from(y) + 0.5));
                         let error = f64::from(value) / exact - 1.0;

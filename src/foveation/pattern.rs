@@ -54,15 +54,17 @@ impl Pattern {
         Self::choose(view, law, gaze, count, None, None)
     }
 
-    /// Like [`Pattern::new`], with no samples at hidden pixels; `count` is clamped to the visible ones.
+    /// Like [`Pattern::new`], with no samples at pixels whose centres the picture hides; `count` is clamped to the
+    /// visible ones.
     ///
     /// # Panics
-    /// If the mask's size is not the view's, or a side of the view is above [`MAX_SIDE`].
+    /// If the mask's size is not the picture's, or a side of the view is above [`MAX_SIDE`].
     pub fn with_mask(view: &View, law: &Law, gaze: DVec2, count: usize, hidden: &BitMask) -> Self {
+        let picture = view.picture();
         assert_eq!(
             (hidden.width(), hidden.height()),
-            (view.width, view.height),
-            "mask and view differ in size"
+            (picture.width, picture.height),
+            "mask and picture differ in size"
         );
         Self::choose(view, law, gaze, count, Some(hidden), None)
     }
@@ -94,9 +96,7 @@ impl Pattern {
         lens: Option<&Lens>,
     ) -> Self {
         assert!(view.width <= MAX_SIDE && view.height <= MAX_SIDE, "view is too large for a pattern");
-        let visible = view.pixels() - hidden.map_or(0, BitMask::count);
-        let count = if *law == Law::Full { visible } else { count.clamp(1, visible.max(1)).min(visible) };
-        let density = Density::new(law, view, gaze);
+        let (density, columns) = (Density::new(law, view, gaze), Columns::new(view));
         let mut keys = vec![0u32; view.pixels()];
         let width = view.width as usize;
         if width > 0 {
@@ -104,14 +104,24 @@ impl Pattern {
             rows.for_each_init(
                 || vec![0.0; width],
                 |densities, (y, keys)| {
+                    let (row, height) = columns.row(view, y);
                     match lens {
-                        Some(lens) => density.row_through(lens, y as u32, densities),
-                        None => density.row(y as u32, densities),
+                        Some(lens) => density.row_through(lens, &columns.points, row, densities),
+                        None => density.row(&columns.points, row, densities),
                     }
-                    row_keys(y as u32, hidden, densities, keys);
+                    columns.spread(height, densities);
+                    row_keys(y as u32, densities, keys);
+                    if let Some(hidden) = hidden {
+                        columns.hide(hidden, row, keys);
+                    }
                 },
             );
         }
+        let visible = match hidden {
+            Some(_) => keys.par_iter().filter(|&&key| key != HIDDEN).count(),
+            None => keys.len(),
+        };
+        let count = if *law == Law::Full { visible } else { count.clamp(1, visible.max(1)).min(visible) };
         Self::gather(view, &keys, Limit::of_smallest(&keys, count))
     }
 
@@ -147,8 +157,52 @@ impl Pattern {
     }
 }
 
+/// The columns of a view: where in its picture they are, and how many of its pixels they are wide.
+struct Columns {
+    points: Vec<f32>,
+    /// Empty where each is the picture's own.
+    widths: Vec<f32>,
+}
+
+impl Columns {
+    fn new(view: &View) -> Columns {
+        let columns = &view.spacing.columns;
+        let centre = |x: u32| f64::from(x) + 0.5;
+        Columns {
+            points: (0..view.width).map(|x| columns.point(centre(x)) as f32).collect(),
+            widths: match view.spacing.is_even() {
+                true => Vec::new(),
+                false => (0..view.width).map(|x| columns.width(centre(x)) as f32).collect(),
+            },
+        }
+    }
+
+    /// Where in the picture a row is, and its height.
+    fn row(&self, view: &View, y: usize) -> (f64, f32) {
+        let rows = &view.spacing.rows;
+        let centre = y as f64 + 0.5;
+        (rows.point(centre), rows.width(centre) as f32)
+    }
+
+    /// Makes densities per pixel of the picture those per pixel of the view.
+    fn spread(&self, height: f32, densities: &mut [f32]) {
+        self.widths.iter().zip(densities).for_each(|(&width, density)| *density *= width * height);
+    }
+
+    /// Takes the hidden pixels of a row out.
+    fn hide(&self, hidden: &BitMask, row: f64, keys: &mut [u32]) {
+        let inside = |point: f64, size: u32| (point.max(0.0) as u32).min(size.saturating_sub(1));
+        let y = inside(row, hidden.height());
+        for (&x, key) in self.points.iter().zip(keys) {
+            if hidden.get(inside(f64::from(x), hidden.width()), y) {
+                *key = HIDDEN;
+            }
+        }
+    }
+}
+
 /// Writes the keys of one row: the bits of rank / density, which order like the numbers themselves.
-fn row_keys(y: u32, hidden: Option<&BitMask>, densities: &[f32], keys: &mut [u32]) {
+fn row_keys(y: u32, densities: &[f32], keys: &mut [u32]) {
     const SIZE: usize = blue_noise::SIZE;
     let ranks = &blue_noise::ranks()[y as usize % SIZE * SIZE..][..SIZE];
     let blocks = keys.chunks_mut(SIZE).zip(densities.chunks(SIZE)).enumerate();
@@ -156,13 +210,6 @@ fn row_keys(y: u32, hidden: Option<&BitMask>, densities: &[f32], keys: &mut [u32
         let offset = repetition_offset(block as u32, y / SIZE as u32);
         for ((key, &density), &rank) in keys.iter_mut().zip(densities).zip(ranks) {
             *key = ((f32::from(rank) + offset) / density).to_bits();
-        }
-    }
-    if let Some(hidden) = hidden {
-        for (x, key) in keys.iter_mut().enumerate() {
-            if hidden.get(x as u32, y) {
-                *key = HIDDEN;
-            }
         }
     }
 }
@@ -249,7 +296,7 @@ mod tests {
 
     fn view(width: u32, height: u32) -> View {
         let fov = FieldOfView { left: -1.4, right: 1.1, up: 0.9, down: -0.8 };
-        View { world_from_eye: Pose::IDENTITY, fov, width, height }
+        View { world_from_eye: Pose::IDENTITY, fov, width, height, spacing: Default::default() }
     }
 
     #[test]

@@ -12,13 +12,13 @@ use super::stereo::{Cut, Plan};
 use crate::bvh::Parted;
 use crate::config::{Config, Method, Samples, WeightsConfig};
 use crate::error::Result;
-use crate::foveation::{BitMask, Law, Lens, Pattern, Workload};
+use crate::foveation::{BitMask, Law, Lens, Pattern, Workload, spaced};
 use crate::gpu::interop::{self, Shared, Sharing};
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::math::pose::Pose;
 use crate::math::view::View;
-use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
+use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Overlay, Reconstruction, Reuse, Weights};
 use crate::scene::{Environment, Sun};
 use crate::trace::{self, Fleet, Job, MovingScene, SampleTarget, SceneData, SceneState};
 use crate::waiting::{self, Limits};
@@ -84,9 +84,11 @@ pub struct Renderer {
     law: Law,
     lenses: Vec<Lens>,
     samples: Samples,
+    visibility_slope: f64,
     settings: trace::Settings,
     /// See [`crate::config::TimeConfig::rays`].
     rays_with_history: f64,
+    overlay: Overlay,
     /// Stops that all pictures get.
     fixed_stops: f32,
     meter: Meter,
@@ -109,6 +111,7 @@ pub struct Renderer {
 /// One traced view's pattern and the memory that its samples travel in.
 struct TracedView {
     key: PatternKey,
+    view: View,
     pattern: Arc<Pattern>,
     workload: Arc<Workload>,
     sample_target: Arc<SampleTarget>,
@@ -118,7 +121,7 @@ struct TracedView {
 
 impl TracedView {
     fn metered(&self) -> Metered<'_> {
-        Metered { sample_target: &self.sample_target, samples: &self.pattern.samples, width: self.key.width }
+        Metered { sample_target: &self.sample_target, samples: &self.pattern.samples, width: self.view.width }
     }
 }
 
@@ -131,6 +134,7 @@ struct PatternKey {
     gaze: DVec2,
     law: Law,
     samples: Samples,
+    visibility_slope: f64,
     hidden: Option<Arc<BitMask>>,
 }
 
@@ -149,10 +153,10 @@ pub struct ViewRequest<'a> {
 }
 
 impl ViewRequest<'_> {
-    fn key(&self, law: Law, samples: Samples) -> PatternKey {
+    fn key(&self, law: Law, samples: Samples, visibility_slope: f64) -> PatternKey {
         let View { width, height, fov, .. } = self.view;
-        let law = law.widened(self.widening);
-        PatternKey { width, height, fov, gaze: self.gaze, law, samples, hidden: self.hidden.clone() }
+        let (law, gaze, hidden) = (law.widened(self.widening), self.gaze, self.hidden.clone());
+        PatternKey { width, height, fov, gaze, law, samples, visibility_slope, hidden }
     }
 }
 
@@ -232,8 +236,10 @@ impl Renderer {
             law: config.foveation.law,
             lenses: Vec::new(),
             samples: config.foveation.samples,
+            visibility_slope: config.foveation.visibility_slope,
             settings: trace_settings(config),
             rays_with_history: config.time.rays,
+            overlay: config.view.overlay,
             fixed_stops: config.view.exposure.fixed() as f32,
             meter: Meter::new(&config.view, output),
             sun: loaded.environment.sun,
@@ -313,12 +319,13 @@ impl Renderer {
         report.stages.motion = std::mem::take(&mut self.motion_ms);
         for (index, request) in requests.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, request)?;
-            self.trace(index, &request.view, seed, &mut report)?;
+            let view = self.view_of(index, request);
+            self.trace(index, &view, seed, &mut report)?;
             if self.meter.stops().is_none() {
                 self.meter.observe(self.views[..=index].iter().map(TracedView::metered), self.sun);
             }
             let shown_from = if self.reconstruction.can_warp(index) { late(index) } else { None };
-            self.reconstruct(index, request, shown_from)?;
+            self.reconstruct(index, &view, request, shown_from)?;
         }
         for index in 0..requests.len() {
             let stages = self.reconstruction.wait(index)?;
@@ -362,10 +369,21 @@ impl Renderer {
         Ok(())
     }
 
-    fn reconstruct(&mut self, index: usize, request: &ViewRequest, shown_from: Option<Pose>) -> Result<()> {
+    /// A view as it is traced: its pose is new in each frame, its pixels are those of its pattern.
+    fn view_of(&self, index: usize, request: &ViewRequest) -> View {
+        View { world_from_eye: request.view.world_from_eye, ..self.views[index].view }
+    }
+
+    fn reconstruct(
+        &mut self,
+        index: usize,
+        view: &View,
+        request: &ViewRequest,
+        shown_from: Option<Pose>,
+    ) -> Result<()> {
         let traced = &self.views[index];
         let frame = Frame {
-            view: &request.view,
+            view,
             samples: traced.sample_target.samples.vulkan(),
             visibility: traced.sample_target.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
@@ -374,6 +392,7 @@ impl Renderer {
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
             // Eyes come in pairs: wide views first, insets after them.
             other: Some(index ^ 1),
+            overlay: (self.overlay, request.gaze),
             outputs: &request.outputs,
         };
         self.reconstruction.submit(index, &frame)
@@ -381,15 +400,15 @@ impl Renderer {
 
     /// Makes a new pattern where gaze or view have changed; tells how long that took.
     fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
-        let key = request.key(self.law, self.samples);
+        let key = request.key(self.law, self.samples, self.slope());
         if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
             return Ok(0.0);
         }
         let start = Instant::now();
-        let view = &request.view;
+        let view = &self.spaced(request);
         let (law, count) = match self.samples {
             Samples::Full => (Law::Full, view.pixels()),
-            samples => (key.law, samples.of(view.pixels())),
+            samples => (key.law, samples.of(request.view.pixels())),
         };
         let pattern = match (self.lenses.get(index), &request.hidden) {
             (Some(lens), _) => Pattern::through(view, &law, request.gaze, count, lens),
@@ -397,32 +416,50 @@ impl Renderer {
             (None, None) => Pattern::new(view, &law, request.gaze, count),
         };
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
-        self.take_pattern(index, key, pattern)?;
+        self.take_pattern(index, key, *view, pattern)?;
         self.reconstruction.wait_pattern(index)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
+    /// How fast camera rays fall off: not where all pixels count alike, or pictures are averaged to be exact.
+    fn slope(&self) -> f64 {
+        let alike = matches!(self.law, Law::Uniform | Law::Full) || self.samples == Samples::Full;
+        if alike || !self.settings.guided || self.settings.jitter { 0.0 } else { self.visibility_slope }
+    }
+
+    /// A view with the pixels that the eye needs, at least as many as there are samples.
+    fn spaced(&self, request: &ViewRequest) -> View {
+        let view = spaced(&request.view, request.gaze, self.slope(), request.widening);
+        let samples = self.samples.of(request.view.pixels());
+        if (samples..=self.reconstruction.most_pixels()).contains(&view.pixels()) {
+            view
+        } else {
+            request.view
+        }
+    }
+
     /// Gives a view a new pattern, in the memory of the old one where that is large enough.
-    fn take_pattern(&mut self, index: usize, key: PatternKey, pattern: Pattern) -> Result<()> {
+    fn take_pattern(&mut self, index: usize, key: PatternKey, view: View, pattern: Pattern) -> Result<()> {
         let count = pattern.samples.len();
         let (workload, sharing) = (Workload::new(&pattern, self.settings.guided), self.sharing());
         let old = self.views.get(index).filter(|old| {
             old.sample_target.samples.len() >= count
-                && (old.key.width, old.key.height) == (key.width, key.height)
+                && old.sample_target.visibility.as_ref().is_none_or(|v| v.len() >= view.pixels())
                 && old.sharing == sharing
         });
         let sample_target = match old {
             Some(old) => old.sample_target.clone(),
             None => {
                 let (direct, context) = (self.scheduler.direct(), &self.context);
-                let pixels = key.width as usize * key.height as usize;
+                // A gaze that moves needs a few more pixels here and there.
+                let pixels = if view.spacing.is_even() { view.pixels() } else { view.pixels() / 4 * 5 };
                 let shared = || Shared::new(direct, context, pixels);
                 let visibility = self.settings.guided.then(shared).transpose()?;
                 Arc::new(SampleTarget { samples: Shared::new(direct, context, count)?, visibility })
             }
         };
         let (pattern, workload) = (Arc::new(pattern), Arc::new(workload));
-        let view = TracedView { key, pattern, workload, sample_target, sharing };
+        let view = TracedView { key, view, pattern, workload, sample_target, sharing };
         if index < self.views.len() {
             self.views[index] = view;
         } else {
@@ -472,12 +509,20 @@ impl Renderer {
         if self.scheduler.direct().is_some() { Sharing::ZeroCopy } else { Sharing::Staged }
     }
 
-    /// The depth of each pixel of a view of the last frame along the view's axis, 0 for the sky: row after row;
-    /// empty where it was not guided.
+    /// The depth of each pixel of a view's picture of the last frame along the view's axis, 0 for the sky: row after
+    /// row; empty where it was not guided. Where rays are farther apart than pixels, that of the nearest one.
     pub fn depths(&self, view: usize) -> Vec<f32> {
-        let sample_target = self.views.get(view).map(|traced| &traced.sample_target);
-        let records = sample_target.and_then(|l| l.visibility.as_ref()).map(|v| v.sparse(v.len(), 1));
-        records.unwrap_or_default().iter().map(|record| record.depth).collect()
+        let Some(traced) = self.views.get(view) else { return Vec::new() };
+        let Some(visibility) = &traced.sample_target.visibility else { return Vec::new() };
+        let (view, picture) = (&traced.view, traced.view.picture());
+        let records = visibility.sparse(view.pixels(), 1);
+        let last = DVec2::new(f64::from(view.width), f64::from(view.height)) - 0.5;
+        let depth = |index: usize| {
+            let (x, y) = (index % picture.width as usize, index / picture.width as usize);
+            let pixel = view.pixel_at(DVec2::new(x as f64, y as f64) + 0.5).clamp(DVec2::ZERO, last);
+            records[pixel.y as usize * view.width as usize + pixel.x as usize].depth
+        };
+        (0..picture.pixels()).map(depth).collect()
     }
 
     /// Light rays of each of a view's samples: fewer where earlier frames have sent some for it.
@@ -518,7 +563,13 @@ impl Renderer {
         self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
         self.rays_with_history = config.time.rays;
         (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
+        self.visibility_slope = config.foveation.visibility_slope;
         Ok(())
+    }
+
+    /// Whether pictures show how they are made from now on: all of it, or nothing.
+    pub fn toggle_overlay(&mut self) {
+        self.overlay = if self.overlay == Overlay::default() { Overlay::ALL } else { Overlay::default() };
     }
 
     /// Automatic exposure: when its frames are shown, and whether it is locked.

@@ -115,6 +115,7 @@ impl Plan {
             fov: FieldOfView { left: start, right: start + step(&left) * f64::from(width), ..left.fov },
             width,
             height: left.height,
+            spacing: Default::default(),
         };
         let cut = |eye: &View, x| Cut {
             source: [offset(eye), 0],
@@ -132,7 +133,7 @@ impl Plan {
 pub fn parallel_eyes(head: Pose, ipd: f64, fov: FieldOfView, width: u32, height: u32) -> [View; 2] {
     [-0.5, 0.5].map(|side| {
         let offset = Pose { position: glam::DVec3::X * (side * ipd), ..Pose::IDENTITY };
-        View { world_from_eye: head.then(offset), fov, width, height }
+        View { world_from_eye: head.then(offset), fov, width, height, spacing: Default::default() }
     })
 }
 

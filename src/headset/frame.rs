@@ -94,10 +94,19 @@ pub struct Keys {
     pub hurry: bool,
     /// Back to the start, facing ahead; once for each press.
     pub recentre: bool,
-    /// Automatic exposure stays as it is, or follows again; once for each press.
-    pub lock_exposure: bool,
+    /// What is switched; once for each press.
+    pub toggles: Toggles,
     /// The end.
     pub leave: bool,
+}
+
+/// What is switched on or off from now on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Toggles {
+    /// Automatic exposure stays as it is, or follows again.
+    pub exposure: bool,
+    /// Pictures show how they are made, or no more.
+    pub overlay: bool,
 }
 
 /// What the wearer does, as far as a headset tells.
@@ -109,6 +118,6 @@ pub struct Input {
     pub gaze: Option<Gaze>,
     /// How high the floor is in the tracked space, in metres: where that has become known, or has changed.
     pub floor: Option<f64>,
-    /// Automatic exposure stays as it is, or follows again.
-    pub lock_exposure: bool,
+    /// What is switched.
+    pub toggles: Toggles,
 }

@@ -20,7 +20,7 @@ mod windowed;
 
 pub use deadline::Deadline;
 pub use fault::{Fault, Outcome};
-pub use frame::{Canvas, EyeView, Frame, Gaze, Input, Keys, Next};
+pub use frame::{Canvas, EyeView, Frame, Gaze, Input, Keys, Next, Toggles};
 pub use hidden::HiddenMesh;
 #[cfg(feature = "window")]
 pub use windowed::{Eyepiece, Setting, Windowed};

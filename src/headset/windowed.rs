@@ -226,8 +226,8 @@ impl Headset for Windowed {
     }
 
     fn input(&mut self, _: i64) -> Outcome<Input> {
-        let lock_exposure = self.moment.is_some_and(|moment| moment.lock_exposure);
-        Ok(Input { lock_exposure, ..Input::default() })
+        let toggles = self.moment.map_or_else(Default::default, |moment| moment.toggles);
+        Ok(Input { toggles, ..Input::default() })
     }
 
     fn acquire(&mut self) -> Outcome<Option<Vec<Canvas>>> {

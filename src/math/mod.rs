@@ -5,4 +5,5 @@
 
 pub mod blue_noise;
 pub mod pose;
+pub mod spacing;
 pub mod view;

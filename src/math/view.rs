@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::pose::Pose;
+use super::spacing::Spacing;
 
 /// A field of view as the tangents of its four half angles, like OpenXR's `XrFovf` but signed.
 ///
@@ -38,10 +39,38 @@ pub struct View {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
+    /// How far apart they are.
+    pub spacing: Spacing,
 }
 
 impl View {
-    /// The same with so many more pixels at each side, to the left and right and above and below.
+    /// The picture that the view shows, whose pixels are even: the view itself where its own are.
+    pub fn picture(&self) -> View {
+        let size = |picture: f64, own: u32| if picture > 0.0 { picture as u32 } else { own };
+        View {
+            width: size(self.spacing.columns.picture, self.width),
+            height: size(self.spacing.rows.picture, self.height),
+            spacing: Spacing::EVEN,
+            ..*self
+        }
+    }
+
+    /// The point of [`View::picture`], in its pixels, that a point of the view in its pixels shows.
+    pub fn picture_point(&self, pixel: DVec2) -> DVec2 {
+        DVec2::new(self.spacing.columns.point(pixel.x), self.spacing.rows.point(pixel.y))
+    }
+
+    /// Undoes [`View::picture_point`].
+    pub fn pixel_at(&self, picture: DVec2) -> DVec2 {
+        DVec2::new(self.spacing.columns.pixel(picture.x), self.spacing.rows.pixel(picture.y))
+    }
+
+    /// How many of the picture's pixels one at a point of the view covers across or down, whichever is more.
+    pub fn pixel_scale(&self, pixel: DVec2) -> f64 {
+        self.spacing.columns.width(pixel.x).max(self.spacing.rows.width(pixel.y))
+    }
+
+    /// The same with so many more pixels at each side, to the left and right and above and below; pixels are even.
     pub fn with_margin(&self, [x, y]: [u32; 2]) -> View {
         let FieldOfView { left, right, up, down } = self.fov;
         let (across, along) = (
@@ -70,8 +99,9 @@ impl View {
     ///
     /// Pixel centres are at halves: the first pixel's is (0.5, 0.5).
     pub fn eye_direction(&self, pixel: DVec2) -> DVec3 {
-        let u = pixel.x / f64::from(self.width);
-        let v = pixel.y / f64::from(self.height);
+        let (picture, point) = (self.picture(), self.picture_point(pixel));
+        let u = point.x / f64::from(picture.width);
+        let v = point.y / f64::from(picture.height);
         let x = self.fov.left + (self.fov.right - self.fov.left) * u;
         let y = self.fov.up + (self.fov.down - self.fov.up) * v;
         DVec3::new(x, y, -1.0)
@@ -85,7 +115,8 @@ impl View {
         let (x, y) = (point.x / -point.z, point.y / -point.z);
         let u = (x - self.fov.left) / (self.fov.right - self.fov.left);
         let v = (y - self.fov.up) / (self.fov.down - self.fov.up);
-        Some(DVec2::new(u * f64::from(self.width), v * f64::from(self.height)))
+        let picture = self.picture();
+        Some(self.pixel_at(DVec2::new(u * f64::from(picture.width), v * f64::from(picture.height))))
     }
 
     /// The point of the image, in 0..1, where the eye's own axis meets it: a gaze at rest.
@@ -98,12 +129,14 @@ impl View {
 
 #[cfg(test)]
 mod tests {
+    use super::super::spacing::Axis;
     use super::*;
 
     #[test]
     fn a_margin_leaves_all_directions_where_they_are() {
         let fov = FieldOfView { left: -1.2, right: 0.9, up: 0.7, down: -1.1 };
-        let view = View { world_from_eye: Pose::IDENTITY, fov, width: 64, height: 40 };
+        let view =
+            View { world_from_eye: Pose::IDENTITY, fov, width: 64, height: 40, spacing: Default::default() };
         let wider = view.with_margin([3, 5]);
         assert_eq!((wider.width, wider.height), (70, 50));
         for pixel in [DVec2::ZERO, DVec2::new(64.0, 40.0), DVec2::new(10.5, 30.5)] {
@@ -116,10 +149,21 @@ mod tests {
     #[test]
     fn projection_undoes_direction() {
         let fov = FieldOfView { left: -1.8, right: 1.3, up: 1.9, down: -1.7 };
-        let view = View { world_from_eye: Pose::IDENTITY, fov, width: 640, height: 800 };
+        let view = View {
+            world_from_eye: Pose::IDENTITY,
+            fov,
+            width: 640,
+            height: 800,
+            spacing: Default::default(),
+        };
         let pixel = DVec2::new(13.5, 700.25);
         let there = view.project(view.eye_direction(pixel) * 7.0).unwrap();
         assert!((there - pixel).length() < 1e-9);
+        let (columns, width) = Axis::new(640, 200.0, 50.0, 0.01);
+        let spaced = View { width, spacing: Spacing { columns, rows: Axis::EVEN }, ..view };
+        let pixel = DVec2::new(3.5, 700.25);
+        let there = spaced.project(spaced.eye_direction(pixel) * 7.0).unwrap();
+        assert!((there - pixel).length() < 1e-9 && spaced.picture() == view);
         let centre = view.optical_centre() * DVec2::new(640.0, 800.0);
         assert!((view.eye_direction(centre) - DVec3::NEG_Z).length() < 1e-12);
     }

@@ -180,7 +180,7 @@ mod tests {
 
     fn view(degrees: f64) -> View {
         let fov = FieldOfView::symmetric(f64::to_radians(degrees), 1.0);
-        View { world_from_eye: Pose::IDENTITY, fov, width: 128, height: 128 }
+        View { world_from_eye: Pose::IDENTITY, fov, width: 128, height: 128, spacing: Default::default() }
     }
 
     fn grey() -> Display {

@@ -122,6 +122,7 @@ mod tests {
             fov,
             width: 16,
             height: 8,
+            spacing: Default::default(),
         })
     }
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::reprojection::projection;
 use super::tables::Tables;
-use super::{Rays, rays, shaders};
+use super::{PackedSpacing, Rays, rays, shaders};
 use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};
 use crate::layout::SampleRecord;
@@ -66,6 +66,7 @@ struct Buffers {
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Source {
     rays: Rays,
+    spacing: PackedSpacing,
     offset: [f32; 4],
     x: [f32; 4],
     y: [f32; 4],
@@ -77,6 +78,7 @@ struct Source {
 #[derive(Clone, Copy, Pod, Zeroable)]
 pub(super) struct AccumulateParameters {
     rays: Rays,
+    spacing: PackedSpacing,
     count: u32,
     neighbours: u32,
     normal_power: f32,
@@ -107,6 +109,7 @@ impl Source {
         let [x, y, ahead] = projection(&kept.view).map(|row| row.as_vec3().extend(0.0).to_array());
         Source {
             rays: rays(&kept.view, None),
+            spacing: PackedSpacing::of(&kept.view),
             offset: offset.as_vec3().extend(1.0).to_array(),
             x,
             y,
@@ -148,6 +151,7 @@ impl Accumulate {
         commands.barrier();
         let parameters = AccumulateParameters {
             rays: fresh.rays,
+            spacing: PackedSpacing::of(fresh.view),
             count: tables.count as u32,
             neighbours: tables.nearest().map_or(0, |_| tables.neighbours.min(CHANGE_NEIGHBOURS)),
             normal_power: fresh.normal_power,

@@ -14,6 +14,8 @@
 
 mod grid;
 mod history;
+mod magnify;
+mod overlay;
 mod reprojection;
 mod settings;
 mod shaders;
@@ -27,6 +29,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
 
 pub use history::Reuse;
+pub use overlay::Overlay;
 pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weights};
 
 use crate::error::{Error, Result};
@@ -39,6 +42,7 @@ use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
 use history::{Accumulate, Fresh, History};
+use magnify::Magnify;
 use reprojection::Reprojection;
 use settings::PREPARED_BYTES;
 use tables::{Finders, Tables};
@@ -57,6 +61,8 @@ pub struct Reconstruction {
     finders: Finders,
     prepare: Prepare,
     accumulate: Option<Accumulate>,
+    /// Made for the first view that needs it.
+    magnify: Option<Magnify>,
     passes: HashMap<Attachments, PassPipeline>,
     views: Vec<ViewState>,
 }
@@ -72,11 +78,14 @@ struct ViewState {
     dropped: HostBuffer,
     warp: HostBuffer,
     history: History,
+    /// Radiance of the view's pixels, where they are not its picture's.
+    shaded: Option<BufferRef>,
 }
 
 /// What a frame's samples are made into.
 pub struct Frame<'a> {
-    /// Where the eye is and what it sees; its size is the pattern's.
+    /// Where the eye is and what it sees; its size is the pattern's. Outputs show its picture: pixels that are not even
+    /// are for guided reconstruction, and for views of at most [`Reconstruction::most_pixels`].
     pub view: &'a View,
     /// One [`SampleRecord`] for each sample of the pattern, in its order.
     pub samples: BufferRef,
@@ -94,6 +103,8 @@ pub struct Frame<'a> {
     pub exposure: f32,
     /// The view of the other eye, whose samples may serve this one: see [`Settings::reuse`].
     pub other: Option<usize>,
+    /// What is drawn over the picture, and the gaze in 0..1 of it.
+    pub overlay: (Overlay, DVec2),
     /// Where the pixels go: rectangles of one target do not overlap.
     pub outputs: &'a [Output<'a>],
 }
@@ -128,10 +139,25 @@ struct Rays {
     down: [f32; 4],
 }
 
+/// How far apart a view's pixels are, as shaders take it: from the centre of the first one.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct PackedSpacing {
+    columns: [f32; 4],
+    rows: [f32; 4],
+}
+
+impl PackedSpacing {
+    fn of(view: &View) -> PackedSpacing {
+        PackedSpacing { columns: view.spacing.columns.packed(-0.5), rows: view.spacing.rows.packed(-0.5) }
+    }
+}
+
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct FilterParameters {
     rays: Rays,
+    spacing: PackedSpacing,
     count: u32,
     neighbours: u32,
     normal_power: f32,
@@ -190,6 +216,7 @@ impl Reconstruction {
                 (Mode::Guided(_), Some(reuse)) => Some(Accumulate::new(context, reuse)?),
                 _ => None,
             },
+            magnify: None,
             settings,
             prepare,
             passes: HashMap::new(),
@@ -218,6 +245,7 @@ impl Reconstruction {
                 dropped: HostBuffer::new(&self.context, 4)?,
                 warp: HostBuffer::new(&self.context, size_of::<Reprojection>())?,
                 history: History::default(),
+                shaded: None,
             });
         }
         let state = &mut self.views[view];
@@ -244,8 +272,16 @@ impl Reconstruction {
     /// If the view has no pattern, sizes disagree, a rectangle reaches beyond target or view, or the
     /// frame is to be shown from elsewhere and [`Reconstruction::can_warp`] says no.
     pub fn submit(&mut self, view: usize, frame: &Frame<'_>) -> Result<()> {
+        let even = frame.view.spacing.is_even();
+        if !even && self.magnify.is_none() {
+            self.magnify = Some(Magnify::new(&self.context)?);
+        }
         for output in frame.outputs {
-            self.require_pass(output.target.attachments())?;
+            let attachments = output.target.attachments();
+            match self.magnify.as_mut().filter(|_| !even) {
+                Some(magnify) => magnify.require_pass(&self.context, attachments)?,
+                None => self.require_pass(attachments)?,
+            }
         }
         let other =
             frame.other.and_then(|other| self.views.get(other)).and_then(|other| other.history.lend());
@@ -257,7 +293,9 @@ impl Reconstruction {
         assert!(frame.shown_from.is_none() || tables.bands().len() == 1, "the view is too large to warp");
         let commands = &mut state.commands;
         commands.begin()?;
-        state.warp.write(0, &[Reprojection::new(frame.view, frame.shown_from)]);
+        state
+            .warp
+            .write(0, &[Reprojection::new(frame.view, frame.shown_from).with(frame.view, frame.overlay)]);
         let warp = BufferRef::from(&state.warp);
         let samples = tables.staged(&self.context, commands, &frame.samples, bytes)?;
         let dropped = BufferRef::from(&state.dropped);
@@ -288,15 +326,29 @@ impl Reconstruction {
             &self.settings,
             &samples,
             &dropped,
-            (rays, pixel_width, frame.least_expected),
+            (rays, PackedSpacing::of(frame.view), pixel_width, frame.least_expected),
         )?;
         commands.end_stage("filter");
-        for output in frame.outputs {
+        let parameters = PixelParameters::new(tables, &self.settings, frame, rays, pixel_width);
+        if let Some(magnify) = self.magnify.as_ref().filter(|_| !even) {
+            let shaded = magnify::room(&self.context, &mut state.shaded, frame.view.pixels())?;
+            magnify.shade(commands, tables, frame, parameters, [&warp, &shaded])?;
+            for output in frame.outputs {
+                magnify.draw(commands, tables, frame, output, rays, [&warp, &shaded])?;
+            }
+        }
+        for output in frame.outputs.iter().filter(|_| even) {
             let pass = &self.passes[&output.target.attachments()];
-            draw(commands, pass, tables, &self.settings, frame, output, (rays, pixel_width, &warp))?;
+            draw(commands, pass, tables, &self.settings, frame, output, (parameters, &warp))?;
         }
         commands.end_stage("reconstruct");
         commands.submit()
+    }
+
+    /// The most pixels of a view that may be spaced unevenly: their tables fit one binding each.
+    pub fn most_pixels(&self) -> usize {
+        let record = size_of::<VisibilityRecord>().max(4 * self.settings.k as usize);
+        (self.context.storage_range() / record as u64) as usize
     }
 
     /// Whether a view's frames can be shown from elsewhere: not where its tables are too large for one
@@ -344,9 +396,10 @@ impl Reconstruction {
     }
 }
 
-/// Where the view's pixels look, in world orientation, at depth 1 metre.
+/// Where the pixels of the view's picture look, in world orientation, at depth 1 metre.
 /// The fourth components hold the direction towards the sun.
 fn rays(view: &View, sun: Option<Sun>) -> Rays {
+    let view = &view.picture();
     let toward = |x: f64, y: f64| view.world_from_eye.rotation * view.eye_direction(DVec2::new(x, y));
     let corner = toward(0.5, 0.5);
     let sun = sun.map_or(glam::Vec3::ZERO, |sun| sun.direction);
@@ -367,11 +420,12 @@ impl Prepare {
         settings: &Settings,
         samples: &BufferRef,
         dropped: &BufferRef,
-        (rays, pixel_width, least_expected): (Rays, f32, f32),
+        (rays, spacing, pixel_width, least_expected): (Rays, PackedSpacing, f32, f32),
     ) -> Result<()> {
         let guided = settings.guided();
         let mut parameters = FilterParameters {
             rays,
+            spacing,
             count: tables.count as u32,
             neighbours: tables.neighbours,
             normal_power: guided.normal_power,
@@ -407,43 +461,21 @@ impl Prepare {
     }
 }
 
-/// Records the pass over the pixels of one output, band by band.
-fn draw(
-    commands: &mut Commands,
-    pass: &PassPipeline,
-    tables: &Tables,
-    settings: &Settings,
-    frame: &Frame<'_>,
-    output: &Output<'_>,
-    (rays, pixel_width, warp): (Rays, f32, &BufferRef),
-) -> Result<()> {
-    let Rect { x, y, width, height } = output.rect;
-    let [source_x, source_y] = output.source;
-    let inside = u64::from(source_x) + u64::from(width) <= u64::from(tables.width)
-        && u64::from(source_y) + u64::from(height) <= u64::from(tables.height);
-    assert!(inside, "{:?} from {:?} on reaches beyond the view", output.rect, output.source);
-    let guided = settings.guided();
-    for band in tables.bands() {
-        let first = band.first_row.max(source_y);
-        let end = (band.first_row + band.rows).min(source_y + height);
-        if first >= end {
-            continue;
-        }
-        let parameters = PixelParameters {
+impl PixelParameters {
+    /// For the whole view, without what depends on the output.
+    fn new(tables: &Tables, settings: &Settings, frame: &Frame<'_>, rays: Rays, pixel_width: f32) -> Self {
+        let guided = settings.guided();
+        PixelParameters {
             rays,
-            shift_x: source_x as i32 - x as i32,
-            shift_y: source_y as i32 - y as i32,
+            shift_x: 0,
+            shift_y: 0,
             width: tables.width,
-            first_row: band.first_row,
-            rows: band.rows,
+            first_row: 0,
+            rows: tables.height,
             neighbours: tables.k,
-            first_sample: band.first_sample,
-            exposure: (output.exposure + frame.exposure).exp2(),
-            encoding: match output.encoding {
-                Encoding::Radiance => 0,
-                Encoding::DisplayLinear => 1,
-                Encoding::DisplaySrgb => 2,
-            },
+            first_sample: 0,
+            exposure: 1.0,
+            encoding: 0,
             normal_power: guided.normal_power,
             plane_tolerance: guided.plane_tolerance,
             pixel_width,
@@ -453,6 +485,69 @@ fn draw(
             nearest_depth: NEAREST_DEPTH,
             sun_radius: frame.sun.map_or(0.0, |sun| (0.5 * (1.0 - sun.cos_radius)).sqrt()),
             least_expected: frame.least_expected,
+        }
+    }
+}
+
+impl Output<'_> {
+    /// Factor on radiance, with so many more stops.
+    fn factor(&self, stops: f32) -> f32 {
+        (self.exposure + stops).exp2()
+    }
+
+    /// What is added to a pixel of the target for the one that it shows.
+    fn shift(&self) -> [i32; 2] {
+        [self.source[0] as i32 - self.rect.x as i32, self.source[1] as i32 - self.rect.y as i32]
+    }
+
+    /// # Panics
+    /// If it reaches beyond a picture of that size.
+    fn require_inside(&self, width: u32, height: u32) {
+        let reach = |source: u32, size: u32| u64::from(source) + u64::from(size);
+        let inside = reach(self.source[0], self.rect.width) <= u64::from(width)
+            && reach(self.source[1], self.rect.height) <= u64::from(height);
+        assert!(inside, "{:?} from {:?} on reaches beyond the view", self.rect, self.source);
+    }
+}
+
+/// As shaders number them.
+fn encoding(encoding: Encoding) -> u32 {
+    match encoding {
+        Encoding::Radiance => 0,
+        Encoding::DisplayLinear => 1,
+        Encoding::DisplaySrgb => 2,
+    }
+}
+
+/// Records the pass over the pixels of one output, band by band.
+fn draw(
+    commands: &mut Commands,
+    pass: &PassPipeline,
+    tables: &Tables,
+    settings: &Settings,
+    frame: &Frame<'_>,
+    output: &Output<'_>,
+    (parameters, warp): (PixelParameters, &BufferRef),
+) -> Result<()> {
+    let Rect { x, y, width, height } = output.rect;
+    let source_y = output.source[1];
+    output.require_inside(tables.width, tables.height);
+    let [shift_x, shift_y] = output.shift();
+    for band in tables.bands() {
+        let first = band.first_row.max(source_y);
+        let end = (band.first_row + band.rows).min(source_y + height);
+        if first >= end {
+            continue;
+        }
+        let parameters = PixelParameters {
+            shift_x,
+            shift_y,
+            first_row: band.first_row,
+            rows: band.rows,
+            first_sample: band.first_sample,
+            exposure: output.factor(frame.exposure),
+            encoding: encoding(output.encoding),
+            ..parameters
         };
         let first_sample = band.first_sample as usize;
         let prepared = tables.prepared().part(first_sample * PREPARED_BYTES, band.samples * PREPARED_BYTES);
@@ -466,6 +561,7 @@ fn draw(
             visibility.as_ref(),
             Some(tables.nearest().unwrap_or(&positions)),
             Some(warp),
+            None,
         ];
         let rect = Rect { x, y: y + first - source_y, width, height: end - first };
         commands.draw(pass, output.target, rect, &buffers, bytemuck::bytes_of(&parameters))?;

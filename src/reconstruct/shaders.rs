@@ -1,5 +1,6 @@
 //! The SPIR-V that the build made of `kernels/*.wgsl`.
 
+use super::magnify::MagnifyParameters;
 use super::{FilterParameters, PixelParameters};
 use crate::gpu::vulkan::Shader;
 use crate::reconstruct::history::AccumulateParameters;
@@ -28,8 +29,15 @@ pub const ACCUMULATE: Shader = Shader {
 pub const RECONSTRUCT: Shader = Shader {
     name: "reconstruct.wgsl",
     words: spirv!("reconstruct"),
-    buffers: 7,
+    buffers: 8,
     push: size_of::<PixelParameters>() as u32,
+};
+
+pub const MAGNIFY: Shader = Shader {
+    name: "magnify.wgsl",
+    words: spirv!("magnify"),
+    buffers: 5,
+    push: size_of::<MagnifyParameters>() as u32,
 };
 
 /// How long the lists of that variant are.

@@ -11,7 +11,13 @@ const TOWARD: [f32; 3] = [0.0, 0.0, 1.0];
 fn view(width: u32, height: u32) -> View {
     let fov = FieldOfView { left: -1.1, right: 0.9, up: 1.0, down: -0.8 };
     let rotation = glam::DQuat::from_euler(glam::EulerRot::YXZ, 0.4, -0.2, 0.1);
-    View { world_from_eye: Pose::new(rotation, glam::DVec3::new(1.0, 2.0, 3.0)), fov, width, height }
+    View {
+        world_from_eye: Pose::new(rotation, glam::DVec3::new(1.0, 2.0, 3.0)),
+        fov,
+        width,
+        height,
+        spacing: Default::default(),
+    }
 }
 
 /// A normal of the view's own frame, as records hold it.
@@ -76,6 +82,7 @@ impl Bench {
             visibility: Some((&visibility).into()),
             sun: None,
             least_expected: 0.01,
+            overlay: Default::default(),
             shown_from: None,
             exposure: 0.0,
             other: None,
@@ -441,6 +448,7 @@ fn guided_reconstruction_asks_for_visibility() {
         visibility: None,
         sun: None,
         least_expected: 0.01,
+        overlay: Default::default(),
         shown_from: None,
         exposure: 0.0,
         other: None,

@@ -154,8 +154,10 @@ fn offset(to: &View, from: &View) -> DVec3 {
     to.world_from_eye.position - from.world_from_eye.position
 }
 
-fn pixel_width(view: &View) -> f64 {
-    (view.fov.right - view.fov.left) / f64::from(view.width)
+/// The width of a sample's pixel at depth 1 metre, across or down, whichever is more.
+fn pixel_width(view: &View, sample: &Sample) -> f64 {
+    let centre = DVec2::new(f64::from(sample.at[0]) + 0.5, f64::from(sample.at[1]) + 0.5);
+    (view.fov.right - view.fov.left) / f64::from(view.picture().width) * view.pixel_scale(centre)
 }
 
 /// How well two points agree to lie on one surface: see `kernels/shared/records.wgsl`.
@@ -201,7 +203,7 @@ fn around(
     }
     let positions: Vec<[u32; 2]> = kept.samples.iter().map(|sample| sample.at).collect();
     let pixel = [at.x as u32, at.y as u32];
-    let width = pixel_width(view) * sample.depth;
+    let width = pixel_width(view, sample) * sample.depth;
     let weighed = |near: super::reconstruct::Neighbour| {
         let other = &kept.samples[near.sample];
         let agree = match usable(other) {
@@ -281,7 +283,7 @@ fn brightness(sample: &Sample) -> f64 {
 
 fn brightness_around(view: &View, fresh: &[Sample], index: usize, settings: &Settings) -> f64 {
     let sample = &fresh[index];
-    let (point, width) = (point_of(view, sample), pixel_width(view) * sample.depth);
+    let (point, width) = (point_of(view, sample), pixel_width(view, sample) * sample.depth);
     let positions: Vec<[u32; 2]> = fresh.iter().map(|sample| sample.at).collect();
     let (mut sum, mut weights) = (0.0, 0.0);
     for near in nearest(&positions, sample.at, settings.neighbours) {
@@ -329,7 +331,7 @@ mod tests {
     fn view(position: DVec3, yaw: f64) -> View {
         let fov = FieldOfView::symmetric(1.0, 1.5);
         let world_from_eye = Pose::new(DQuat::from_rotation_y(yaw), position);
-        View { world_from_eye, fov, width: 48, height: 32 }
+        View { world_from_eye, fov, width: 48, height: 32, spacing: Default::default() }
     }
 
     /// Samples on the wall z = -4, whose light is `light` of the wall's point.

@@ -139,8 +139,10 @@ impl Guided<'_> {
         self.toward_pixel(f64::from(x), f64::from(y)) * depth
     }
 
-    fn pixel_width(&self) -> f64 {
-        (self.toward_pixel(1.0, 0.0) - self.toward_pixel(0.0, 0.0)).length()
+    /// The width of a pixel at depth 1 metre, across or down, whichever is more.
+    fn pixel_width(&self, [x, y]: [u32; 2]) -> f64 {
+        let step = (self.view.fov.right - self.view.fov.left) / f64::from(self.view.picture().width);
+        step * self.view.pixel_scale(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5))
     }
 
     /// How well a point agrees to lie on a surface, 0 to 1.
@@ -163,6 +165,7 @@ impl Guided<'_> {
         let (normal, depth) = (normal24(own.normal), f64::from(own.depth));
         let sun_centre = own.normal >> 24 & 1;
         let point = self.point_at(self.positions[index], depth);
+        let width = self.pixel_width(self.positions[index]) * depth;
         let near = nearest(self.positions, self.positions[index], self.choices.neighbours);
         let reach = near.last().map_or(1.0, |n| n.distance).max(1.0);
         let [wide, narrow] = self.choices.deviations;
@@ -180,7 +183,7 @@ impl Guided<'_> {
             let guide = if hole || neighbour.sample == index {
                 1.0
             } else {
-                self.alike(normal, normal24(other.normal), offset, self.pixel_width() * depth)
+                self.alike(normal, normal24(other.normal), offset, width)
             };
             let [first_weight, second_weight, expected_weight] =
                 [wide * wide, narrow * narrow, wide * narrow]
@@ -238,7 +241,7 @@ impl Guided<'_> {
             normal: normal24(record.normal),
             mapped: normal24(record.mapped),
             point: self.point_at(at, depth),
-            pixel_width: self.pixel_width() * depth,
+            pixel_width: self.pixel_width(at) * depth,
             sun_centre: record.normal >> 31 == 1,
             expects: record.reflected != 0,
             diffuse: base * (1.0 - metalness),
@@ -372,36 +375,65 @@ impl Guided<'_> {
         own.lerp(self.guided_radiance(prepared, beside, false), share)
     }
 
+    /// A pixel of the picture of a view whose pixels are farther apart: bilinear between these, shown from where the view
+    /// was traced or from another pose.
+    pub fn magnified(&self, prepared: &[Prepared], shown_from: Option<(Pose, u32)>, at: [u32; 2]) -> DVec3 {
+        let last = DVec2::new(f64::from(self.view.width), f64::from(self.view.height)) - 1.0;
+        let seen = match shown_from {
+            Some((pose, steps)) => self.warped_point(pose, at, steps),
+            None => self.view.pixel_at(DVec2::new(f64::from(at[0]), f64::from(at[1])) + 0.5),
+        };
+        let seen = (seen - 0.5).clamp(DVec2::ZERO, last);
+        let (first, part) = (seen.floor(), seen.fract());
+        let color = |across: f64, down: f64| {
+            let at = (first + DVec2::new(across, down)).min(last);
+            self.guided_color(prepared, [at.x as u32, at.y as u32])
+        };
+        let upper = color(0.0, 0.0).lerp(color(1.0, 0.0), part.x);
+        upper.lerp(color(0.0, 1.0).lerp(color(1.0, 1.0), part.x), part.y)
+    }
+
     /// The traced pixel that a pixel of the picture sees, shown from another pose: a fixed point along its ray, from
     /// infinitely far away on (Bowles et al. 2012).
-    pub fn warped(&self, shown_from: Pose, [x, y]: [u32; 2], steps: u32) -> [u32; 2] {
-        let shown = View { world_from_eye: shown_from, ..*self.view };
+    pub fn warped(&self, shown_from: Pose, at: [u32; 2], steps: u32) -> [u32; 2] {
+        self.pixel_around(self.warped_point(shown_from, at, steps))
+    }
+
+    fn warped_point(&self, shown_from: Pose, [x, y]: [u32; 2], steps: u32) -> DVec2 {
+        let shown = View { world_from_eye: shown_from, ..self.view.picture() };
         let direction =
             shown_from.rotation * shown.eye_direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
         let ahead = shown_from.rotation * DVec3::NEG_Z;
         let offset = shown_from.position - self.view.world_from_eye.position;
-        let mut found = self.traced_pixel(direction);
+        let mut found = self.traced_point(direction);
         for _ in 0..steps {
-            let depth = f64::from(self.record(found).depth);
+            let pixel = self.pixel_around(found);
+            let depth = f64::from(self.record(pixel).depth);
             if depth.is_nan() || depth <= 0.0 {
                 return found;
             }
-            let along = ahead.dot(self.point_at(found, depth) - offset).max(1e-3);
-            found = self.traced_pixel(offset + direction * along);
+            let along = ahead.dot(self.point_at(pixel, depth) - offset).max(1e-3);
+            found = self.traced_point(offset + direction * along);
         }
         found
     }
 
-    /// The pixel in which a point relative to the traced eye is seen, or the nearest one.
-    fn traced_pixel(&self, point: DVec3) -> [u32; 2] {
+    /// The pixel around a point of the view, or the nearest one.
+    fn pixel_around(&self, point: DVec2) -> [u32; 2] {
+        let size = DVec2::new(f64::from(self.view.width), f64::from(self.view.height));
+        let at = point.clamp(DVec2::ZERO, size - 1.0);
+        [at.x as u32, at.y as u32]
+    }
+
+    /// The point of the view in which a point relative to the traced eye is seen.
+    fn traced_point(&self, point: DVec3) -> DVec2 {
         let eye = self.view.world_from_eye.rotation.inverse() * point;
         let tangent = DVec2::new(eye.x, eye.y) / (-eye.z).max(1e-6);
-        let fov = &self.view.fov;
-        let size = DVec2::new(f64::from(self.view.width), f64::from(self.view.height));
+        let (fov, picture) = (&self.view.fov, self.view.picture());
+        let size = DVec2::new(f64::from(picture.width), f64::from(picture.height));
         let at = (tangent - DVec2::new(fov.left, fov.up))
             / DVec2::new(fov.right - fov.left, fov.down - fov.up)
             * size;
-        let at = at.clamp(DVec2::ZERO, size - 1.0);
-        [at.x as u32, at.y as u32]
+        self.view.pixel_at(at)
     }
 }

@@ -4,7 +4,7 @@ use super::{Part, Traced};
 use crate::config::Config;
 use crate::error::Result;
 use crate::frame::{FrameReport, Renderer, ViewRequest};
-use crate::headset::Canvas;
+use crate::headset::{Canvas, Toggles};
 use crate::math::pose::Pose;
 use crate::reconstruct::Output;
 
@@ -39,8 +39,8 @@ pub trait Draw {
     /// The next ones show what moves where it is so many seconds after the beginning: see [`Renderer::show_at`].
     fn show_at(&mut self, seconds: f64);
 
-    /// Automatic exposure stays as it is from now on, or follows again.
-    fn toggle_exposure(&mut self);
+    /// Switches what is to be switched.
+    fn toggle(&mut self, toggles: Toggles);
 
     /// What the operator should know, each once.
     fn take_notes(&mut self) -> Vec<String>;
@@ -63,8 +63,13 @@ impl Draw for Renderer {
         Renderer::show_at(self, seconds);
     }
 
-    fn toggle_exposure(&mut self) {
-        self.meter().toggle_lock();
+    fn toggle(&mut self, toggles: Toggles) {
+        if toggles.exposure {
+            self.meter().toggle_lock();
+        }
+        if toggles.overlay {
+            self.toggle_overlay();
+        }
     }
 
     fn take_notes(&mut self) -> Vec<String> {
@@ -100,7 +105,8 @@ mod tests {
     #[test]
     fn what_is_traced_is_sharp_where_and_as_widely_as_it_is_said() {
         let fov = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.4 };
-        let view = View { world_from_eye: Pose::IDENTITY, fov, width: 20, height: 10 };
+        let view =
+            View { world_from_eye: Pose::IDENTITY, fov, width: 20, height: 10, spacing: Default::default() };
         let fovea = FoveaPoint { point: DVec2::new(0.2, 0.7), widening: 2.5 };
         let traced = [Traced { view, fovea, hidden: None, parts: Vec::new() }];
         let requests = requests(&Picture { traced: &traced, canvases: &[], seed: 3, exposure: 1.0 });

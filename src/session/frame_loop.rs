@@ -108,9 +108,7 @@ impl<'a> FrameLoop<'a> {
     /// Where something is lost that has to be built anew.
     pub fn step(&mut self, link: &mut Link, keys: &Keys) -> Outcome<bool> {
         link.observer.asks();
-        if keys.lock_exposure {
-            link.draw.toggle_exposure();
-        }
+        link.draw.toggle(keys.toggles);
         let next = link.headset.next_frame();
         link.headset.take_notes().iter().for_each(|note| link.observer.note(note));
         match next? {
@@ -160,9 +158,7 @@ impl<'a> FrameLoop<'a> {
         if let Some(floor) = input.floor {
             self.rig.stand(-floor);
         }
-        if input.lock_exposure {
-            link.draw.toggle_exposure();
-        }
+        link.draw.toggle(input.toggles);
         self.rig.walk(&input.hands, keys, &eyes, time, self.scene);
         let held = self.hold(link, frame)?;
         let Some(canvases) = link.headset.acquire()? else { return self.skip(link, frame) };
@@ -358,6 +354,7 @@ impl<'a> FrameLoop<'a> {
             fov: eye.fov,
             width,
             height,
+            spacing: Default::default(),
         };
         eyes.iter().zip(sizes).map(view).collect()
     }

@@ -115,7 +115,13 @@ mod tests {
     }
 
     fn view() -> View {
-        View { world_from_eye: Pose::IDENTITY, fov: FOV, width: 200, height: 100 }
+        View {
+            world_from_eye: Pose::IDENTITY,
+            fov: FOV,
+            width: 200,
+            height: 100,
+            spacing: Default::default(),
+        }
     }
 
     #[test]

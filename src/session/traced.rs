@@ -123,6 +123,7 @@ mod tests {
             fov,
             width: 210,
             height: 160,
+            spacing: Default::default(),
         };
         [eye(-0.2, fov), eye(0.2, mirrored)]
     }

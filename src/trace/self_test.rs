@@ -35,6 +35,7 @@ pub fn run(device: &Device, programs: &Programs) -> Result<()> {
         fov: FieldOfView::symmetric(1.6, 1.0),
         width: SIDE,
         height: SIDE,
+        spacing: Default::default(),
     };
     let pattern = Pattern::new(&view, &Law::Full, DVec2::splat(0.5), usize::MAX);
     let uploaded = tracer.pattern(&pattern)?;

@@ -43,15 +43,6 @@ const FILES: [&str; 32] = [
 
 /// The whole text.
 pub fn text() -> String {
-    if let Ok(dir) = std::env::var("FOVEATE_DEV_KERNELS") {
-        let names = std::fs::read_to_string(format!("{dir}/order.txt")).unwrap();
-        return lanes_of_bits()
-            + &names
-                .split_whitespace()
-                .map(|n| std::fs::read_to_string(format!("{dir}/{n}")).unwrap())
-                .collect::<Vec<_>>()
-                .join("\n");
-    }
     lanes_of_bits() + &FILES.join("\n")
 }
 

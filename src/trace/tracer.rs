@@ -630,8 +630,9 @@ pub fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::
     let eye = view.world_from_eye.position - anchor;
     let high = eye.as_vec3();
     let low = (eye - high.as_dvec3()).as_vec3();
-    let corner = view.eye_direction(glam::DVec2::ZERO);
-    let far = view.eye_direction(glam::DVec2::new(f64::from(view.width), f64::from(view.height)));
+    let picture = view.picture();
+    let corner = picture.eye_direction(glam::DVec2::ZERO);
+    let far = picture.eye_direction(glam::DVec2::new(f64::from(picture.width), f64::from(picture.height)));
     let pad = |v: glam::Vec3| [v.x, v.y, v.z, 0.0];
     layout::Camera {
         rotation: [rotation.x_axis, rotation.y_axis, rotation.z_axis].map(|axis| pad(axis.as_vec3())),
@@ -639,9 +640,10 @@ pub fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::
         origin_low: pad(low),
         corner: [corner.x as f32, corner.y as f32],
         step: [
-            ((far.x - corner.x) / f64::from(view.width)) as f32,
-            ((far.y - corner.y) / f64::from(view.height)) as f32,
+            ((far.x - corner.x) / f64::from(picture.width)) as f32,
+            ((far.y - corner.y) / f64::from(picture.height)) as f32,
         ],
+        spacing: [view.spacing.columns.packed(0.0), view.spacing.rows.packed(0.0)],
         width: view.width,
         height: view.height,
         seed: settings.seed,

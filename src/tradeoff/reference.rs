@@ -145,6 +145,7 @@ pub fn matched(renderer: &mut Renderer, eyes: &[View; 2], base: &Config) -> Resu
     let mut config = base.clone();
     config.reconstruction.method = Method::Guided;
     config.foveation.samples = Samples::Count(64);
+    config.foveation.visibility_slope = 0.0;
     config.trace.rays = 1;
     renderer.apply(&config)?;
     let mut distances = Vec::new();

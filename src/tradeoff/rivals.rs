@@ -301,7 +301,7 @@ mod tests {
 
     fn eye() -> View {
         let fov = FieldOfView { left: -1.0, right: 1.0, up: 1.0, down: -1.0 };
-        View { world_from_eye: Pose::IDENTITY, fov, width: 40, height: 20 }
+        View { world_from_eye: Pose::IDENTITY, fov, width: 40, height: 20, spacing: Default::default() }
     }
 
     #[test]

@@ -63,7 +63,13 @@ pub struct Eye {
 impl Eye {
     pub fn new(gaze: DVec2, dense: bool) -> Self {
         let fov = FieldOfView::symmetric(1.4, 1.6);
-        let view = View { world_from_eye: Pose::IDENTITY, fov, width: 1280, height: 800 };
+        let view = View {
+            world_from_eye: Pose::IDENTITY,
+            fov,
+            width: 1280,
+            height: 800,
+            spacing: Default::default(),
+        };
         let pattern = Pattern::new(&view, &Law::default(), gaze, 55_000);
         Eye { workload: Workload::new(&pattern, dense), pattern }
     }

@@ -61,13 +61,15 @@ fn plan(loaded: &Loaded) -> Plan {
     let middle = (low + high) * 0.5;
     let world_from_eye = Pose::look_at(middle + (high - low) * DVec3::new(0.45, 0.4, 0.55), middle);
     let fov = FieldOfView::symmetric(50f64.to_radians(), f64::from(WIDTH) / f64::from(HEIGHT));
-    Plan::mono(View { world_from_eye, fov, width: WIDTH, height: HEIGHT })
+    Plan::mono(View { world_from_eye, fov, width: WIDTH, height: HEIGHT, spacing: Default::default() })
 }
 
 fn config(method: Method) -> Config {
     let mut config = Config::default();
     config.reconstruction.method = method;
     config.foveation.samples = Samples::Count(4000);
+    // Rays that fall off: at the usual slope so few pixels would all have theirs.
+    config.foveation.visibility_slope = 0.2;
     config.trace.rays = 16;
     config
 }

@@ -18,7 +18,7 @@ use crate::{HEIGHT, WIDTH, config, halves, machine};
 fn plan() -> Plan {
     let world_from_eye = Pose::look_at(DVec3::new(1.5, 5.0, 13.0), DVec3::new(1.5, 2.0, 0.0));
     let fov = FieldOfView::symmetric(60f64.to_radians(), f64::from(WIDTH) / f64::from(HEIGHT));
-    Plan::mono(View { world_from_eye, fov, width: WIDTH, height: HEIGHT })
+    Plan::mono(View { world_from_eye, fov, width: WIDTH, height: HEIGHT, spacing: Default::default() })
 }
 
 fn settings(time: f64) -> Config {

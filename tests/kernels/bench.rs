@@ -155,5 +155,6 @@ pub fn view(eye: DVec3, target: DVec3, angle: f64, (width, height): (u32, u32)) 
         fov: FieldOfView::symmetric(angle.to_radians(), f64::from(width) / f64::from(height)),
         width,
         height,
+        spacing: Default::default(),
     }
 }

@@ -5,6 +5,7 @@ use foveate::foveation::{Law, Pattern};
 use foveate::gpu::vulkan::{Context, Format, HostBuffer, Image};
 use foveate::layout::{IS_MAPPED, SampleRecord, unpack_emission, unpack_normal24};
 use foveate::math::pose::Pose;
+use foveate::math::spacing::{Axis, Spacing};
 use foveate::math::view::View;
 use foveate::reconstruct::{
     Frame, GuidedSettings, Mode, Output, Reconstruction, Settings as Reconstructed, Weights,
@@ -63,16 +64,25 @@ fn eye() -> View {
     view(DVec3::new(0.3, 1.5, 3.1), DVec3::new(0.0, 0.5, 0.0), 50.0, SIZE)
 }
 
+/// The same with pixels that are farther apart away from a gaze.
+fn spaced_eye() -> View {
+    let ((columns, width), (rows, height)) =
+        (Axis::new(SIZE.0, 38.0, 8.0, 0.03), Axis::new(SIZE.1, 20.0, 6.0, 0.02));
+    assert!(width < 50 && height < 40, "{width} {height}");
+    View { width, height, spacing: Spacing { columns, rows }, ..eye() }
+}
+
 /// The traced records of a sparse pattern.
-fn traced(bench: &mut Bench) -> (Picture, Vec<u32>) {
-    let pattern = Pattern::new(&eye(), &Law::default(), DVec2::splat(0.5), 420);
+fn traced(bench: &mut Bench, view: &View) -> (Picture, Vec<u32>) {
+    let pattern = Pattern::new(view, &Law::default(), DVec2::splat(0.5), 420);
     let settings = Settings { guided: true, edge_rays: 4, rays: 24, ..PLAIN };
-    (bench.trace(&eye(), &settings, &pattern), pattern.samples)
+    (bench.trace(view, &settings, &pattern), pattern.samples)
 }
 
 /// The device's picture, in linear light.
 fn shown(
     context: &Context,
+    view: &View,
     picture: &Picture,
     samples: &[u32],
     neighbours: u32,
@@ -80,7 +90,6 @@ fn shown(
 ) -> Vec<DVec3> {
     let guided = GuidedSettings { neighbours, ..GuidedSettings::default() };
     let settings = Reconstructed { mode: Mode::Guided(guided), k: 4, weights: Weights::Shepard, reuse: None };
-    let view = eye();
     let mut reconstruction = Reconstruction::new(context, settings).unwrap();
     reconstruction.set_pattern(0, view.width, view.height, samples).unwrap();
     let buffer = |bytes: &[u8]| {
@@ -90,15 +99,16 @@ fn shown(
     };
     let records = buffer(bytemuck::cast_slice(&picture.samples));
     let visibility = buffer(bytemuck::cast_slice(&picture.visibility));
-    let image = Image::new(context, Format::R32G32B32A32_SFLOAT, view.width, view.height).unwrap();
+    let image = Image::new(context, Format::R32G32B32A32_SFLOAT, SIZE.0, SIZE.1).unwrap();
     let frame = Frame {
-        view: &view,
+        view,
         samples: (&records).into(),
         visibility: Some((&visibility).into()),
         sun: light().sun,
         least_expected: LEAST,
         exposure: 0.0,
         other: None,
+        overlay: Default::default(),
         shown_from: from,
         outputs: &[Output::whole(image.target(), 0.0)],
     };
@@ -109,8 +119,13 @@ fn shown(
 }
 
 /// The same in double precision.
-fn right(picture: &Picture, samples: &[u32], neighbours: usize, from: Option<Pose>) -> Vec<DVec3> {
-    let view = eye();
+fn right(
+    view: &View,
+    picture: &Picture,
+    samples: &[u32],
+    neighbours: usize,
+    from: Option<Pose>,
+) -> Vec<DVec3> {
     let positions: Vec<[u32; 2]> = samples.iter().map(|s| [s & 0xffff, s >> 16]).collect();
     let choices = Choices {
         neighbours,
@@ -122,13 +137,16 @@ fn right(picture: &Picture, samples: &[u32], neighbours: usize, from: Option<Pos
         least_expected: f64::from(LEAST),
     };
     let visibility = &picture.visibility;
-    let twin = Guided { view: &view, positions: &positions, visibility, sun: light().sun, choices };
+    let twin = Guided { view, positions: &positions, visibility, sun: light().sun, choices };
     let prepared = twin.filter_samples(&picture.samples);
     let pixel = |p: u32| {
-        let at = [p % view.width, p / view.width];
-        twin.guided_color(&prepared, from.map_or(at, |pose| twin.warped(pose, at, 3)))
+        let at = [p % SIZE.0, p / SIZE.0];
+        match view.spacing.is_even() {
+            true => twin.guided_color(&prepared, from.map_or(at, |pose| twin.warped(pose, at, 3))),
+            false => twin.magnified(&prepared, from.map(|pose| (pose, 3)), at),
+        }
     };
-    (0..view.width * view.height).map(pixel).collect()
+    (0..SIZE.0 * SIZE.1).map(pixel).collect()
 }
 
 /// How many pixels are further off than what is packed between the passes allows, and the largest error.
@@ -145,16 +163,25 @@ fn guided_pictures_are_those_of_double_precision() {
     let Some(context) = common::vulkan() else { return };
     on_every_device(|device| {
         let (scene, light) = (still_life(), light());
-        let (picture, samples) = traced(&mut Bench::new(device, &scene, &light));
+        let mut bench = Bench::new(device, &scene, &light);
+        let (picture, samples) = traced(&mut bench, &eye());
         let expecting = picture.visibility.iter().filter(|record| record.reflected != 0).count();
         let shared = picture.visibility.iter().filter(|record| record.normal >> 27 & 15 != 0).count();
         let mapped = picture.samples.iter().filter(|sample| sample.toward[0] != 0).count();
         assert!(expecting > 600 && shared > 50 && mapped > 15, "{expecting} {shared} {mapped}");
         let turn = eye().world_from_eye.rotation * DQuat::from_rotation_y(0.02);
         let moved = Pose::new(turn, eye().world_from_eye.position + DVec3::new(0.12, -0.08, 0.05));
-        for (neighbours, from) in [(1, None), (24, None), (24, Some(moved))] {
-            let found = shown(&context, &picture, &samples, neighbours, from);
-            let right = right(&picture, &samples, neighbours as usize, from);
+        let (coarse, coarse_samples) = traced(&mut bench, &spaced_eye());
+        let (even, spaced) = ((eye(), &picture, &samples), (spaced_eye(), &coarse, &coarse_samples));
+        for ((view, picture, samples), neighbours, from) in [
+            (&even, 1, None),
+            (&even, 24, None),
+            (&even, 24, Some(moved)),
+            (&spaced, 24, None),
+            (&spaced, 24, Some(moved)),
+        ] {
+            let found = shown(&context, view, picture, samples, neighbours, from);
+            let right = right(view, picture, samples, neighbours as usize, from);
             let (count, worst) = compare(&found, &right);
             println!(
                 "{neighbours} neighbours, moved {}: {count} pixels off, by {worst:.3} at most",
@@ -175,34 +202,45 @@ fn guided_pictures_are_those_of_double_precision() {
 #[test]
 fn textured_surfaces_are_described_as_the_reference_sees_them() {
     on_every_device(|device| {
-        let (scene, light, view) = (still_life(), light(), eye());
-        let settings = Settings { guided: true, rays: 1, ..PLAIN };
-        let picture = Bench::new(device, &scene, &light).trace(&view, &settings, &all_pixels(&view));
-        let tracer = Tracer::new(&scene);
-        let (mut checked, mut off) = (0, [0; 3]);
-        for (pixel, record) in picture.visibility.iter().enumerate().filter(|(_, r)| r.depth > 0.0) {
-            let at = DVec2::new((pixel % SIZE.0 as usize) as f64, (pixel / SIZE.0 as usize) as f64) + 0.5;
-            let ray = reference::camera_ray(&scene, &view, at);
-            let Some(hit) = tracer.closest(&ray, f64::INFINITY) else { continue };
-            if scene.mesh.materials[hit.triangle as usize] != 2
-                || picture.hits[pixel].triangle != hit.triangle
-            {
-                continue;
-            }
-            let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
-            let metalness = f64::from(record.surface >> 12 & 255) / 255.0;
-            let roughness = f64::from(record.surface >> 20) / 4095.0;
-            let mapped = unpack_normal24(record.mapped);
-            checked += 1;
-            // Nearest texels differ from filtered ones by half a step along each side at most.
-            let allowed = 25.5 / 255.0;
-            off[0] += usize::from((metalness - surface.metallic).abs() > 0.8 * allowed);
-            off[1] += usize::from((roughness - surface.roughness).abs() > 0.9 * allowed);
-            off[2] += usize::from(DVec3::from(mapped.map(f64::from)).distance(surface.normal) > 0.02);
+        let (scene, light) = (still_life(), light());
+        let mut bench = Bench::new(device, &scene, &light);
+        for view in [eye(), spaced_eye()] {
+            described(&scene, &mut bench, &view);
         }
-        println!("{checked} textured pixels, {off:?} described otherwise");
-        assert!(checked > 200 && off.iter().all(|&off| off * 8 < checked), "{checked} {off:?}");
     });
+}
+
+fn described(scene: &Scene, bench: &mut Bench, view: &View) {
+    let settings = Settings { guided: true, rays: 1, ..PLAIN };
+    let picture = bench.trace(view, &settings, &all_pixels(view));
+    let tracer = Tracer::new(scene);
+    let (mut checked, mut off, mut other) = (0, [0; 3], 0);
+    for (pixel, record) in picture.visibility.iter().enumerate().filter(|(_, r)| r.depth > 0.0) {
+        let (x, y) = (pixel % view.width as usize, pixel / view.width as usize);
+        let ray = reference::camera_ray(scene, view, DVec2::new(x as f64, y as f64) + 0.5);
+        let hit = tracer.closest(&ray, f64::INFINITY);
+        let Some(hit) = hit.filter(|hit| hit.triangle == picture.hits[pixel].triangle) else {
+            other += 1;
+            continue;
+        };
+        assert!((f64::from(picture.hits[pixel].t) / hit.t - 1.0).abs() < 1e-4, "{x} {y}");
+        if scene.mesh.materials[hit.triangle as usize] != 2 {
+            continue;
+        }
+        let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
+        let metalness = f64::from(record.surface >> 12 & 255) / 255.0;
+        let roughness = f64::from(record.surface >> 20) / 4095.0;
+        let mapped = unpack_normal24(record.mapped);
+        checked += 1;
+        // Nearest texels differ from filtered ones by half a step along each side at most.
+        let allowed = 25.5 / 255.0;
+        off[0] += usize::from((metalness - surface.metallic).abs() > 0.8 * allowed);
+        off[1] += usize::from((roughness - surface.roughness).abs() > 0.9 * allowed);
+        off[2] += usize::from(DVec3::from(mapped.map(f64::from)).distance(surface.normal) > 0.02);
+    }
+    println!("{checked} textured pixels, {off:?} described otherwise, {other} see something else");
+    assert!(checked > view.pixels() / 20 && off.iter().all(|&off| off * 8 < checked), "{checked} {off:?}");
+    assert!(other < 4, "{other} rays go elsewhere");
 }
 
 /// Samples on a normal map, multiplied by what their light's directions give their own normal, have the radiance of
@@ -274,7 +312,7 @@ fn pixels_expect_about_what_samples_find() {
             assert!(seen.len() > 1000 && off < allowed, "{}: {}", material.roughness, found / right);
         }
         let (scene, light) = (still_life(), light());
-        let picture = traced(&mut Bench::new(device, &scene, &light)).0;
+        let picture = traced(&mut Bench::new(device, &scene, &light), &eye()).0;
         let material = |pixel: usize| scene.mesh.materials[picture.hits[pixel].triangle as usize];
         let mirror =
             (0..picture.hits.len()).filter(|&p| picture.hits[p].triangle != u32::MAX && material(p) == 1);

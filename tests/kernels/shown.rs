@@ -37,6 +37,7 @@ fn picture(
         visibility: None,
         sun: None,
         least_expected: 0.01,
+        overlay: Default::default(),
         shown_from: from,
         other: None,
         exposure: 0.0,
@@ -49,7 +50,13 @@ fn picture(
 
 fn view(turn: DQuat) -> View {
     let fov = FieldOfView { left: -1.4, right: 1.1, up: 0.9, down: -0.8 };
-    View { world_from_eye: Pose::new(turn, DVec3::ZERO), fov, width: 192, height: 128 }
+    View {
+        world_from_eye: Pose::new(turn, DVec3::ZERO),
+        fov,
+        width: 192,
+        height: 128,
+        spacing: Default::default(),
+    }
 }
 
 fn weights(context: &Context) -> Row {

@@ -34,6 +34,7 @@ fn view() -> View {
         fov: FieldOfView::symmetric(0.6, 0.6),
         width: 32,
         height: 32,
+        spacing: Default::default(),
     }
 }
 

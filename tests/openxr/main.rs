@@ -208,7 +208,13 @@ fn expected(folder: &Path, view: &Value) -> Vec<Option<[f32; 3]>> {
     let world_from_eye = Pose::new(DQuat::from_slice(&rotation), DVec3::from_slice(&position));
     let [across, up] = SCREEN;
     let screen = FieldOfView { left: -across, right: across, up, down: -up };
-    let view = View { world_from_eye, fov: screen, width: EYE_WIDTH, height: EYE_HEIGHT };
+    let view = View {
+        world_from_eye,
+        fov: screen,
+        width: EYE_WIDTH,
+        height: EYE_HEIGHT,
+        spacing: Default::default(),
+    };
     let context = Context::new(&ContextOptions::default()).unwrap();
     let devices = device::list();
     let device = Device::open(devices.iter().find(|device| device.unusable.is_none()).unwrap()).unwrap();

@@ -189,6 +189,9 @@ pub struct LightFlags {
     /// Stops by which a displayed picture is brightened, or "auto": by what is seen.
     #[arg(long, value_name = "EV|auto", allow_hyphen_values = true, help_heading = "Picture")]
     exposure: Option<String>,
+    /// What is drawn over the picture to show how it is made: gaze, samples, rays, with commas between.
+    #[arg(long, value_name = "LIST", help_heading = "Picture")]
+    overlay: Option<String>,
     /// How samples become pixels.
     #[arg(long, value_enum, help_heading = "Foveation")]
     reconstruct: Option<Method>,
@@ -211,6 +214,7 @@ impl LightFlags {
         present([
             ("--stereo", "view.stereo", named(self.stereo)),
             ("--exposure", "view.exposure", self.exposure.as_deref().map(number_or_name)),
+            ("--overlay", "view.overlay", self.overlay.as_deref().map(|list| list.into())),
             ("--reconstruct", "reconstruction.method", named(self.reconstruct)),
             ("--k", "reconstruction.k", whole(self.k)),
             ("--rays", "trace.rays", whole(self.rays)),

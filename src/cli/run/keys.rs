@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
-use crate::headset::Keys;
+use crate::headset::{Keys, Toggles};
 
 /// Terminals tell presses and repeats, and no releases: a key counts as held for so long after its last press.
 /// Repeats come faster than that.
@@ -15,8 +15,7 @@ const ESCAPE: u8 = 0x1b;
 const LONGEST: usize = 32;
 
 /// Which keys there are, for the line that the program greets with.
-pub const HELP: &str =
-    "WASD, Q and E walk, arrows turn, R goes back to the start, L holds the exposure, Escape or Ctrl-C ends";
+pub const HELP: &str = "WASD, Q and E walk, arrows turn, R goes back to the start, L holds the exposure, O shows how pictures are made, Escape or Ctrl-C ends";
 
 /// What a key does as long as it is held.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +30,7 @@ pub struct Pressed {
     held: Vec<(Held, Instant)>,
     hurry: bool,
     recentre: bool,
-    lock_exposure: bool,
+    toggles: Toggles,
     leave: bool,
     /// The beginning of a sequence whose end has not come yet.
     begun: Vec<u8>,
@@ -73,7 +72,8 @@ impl Pressed {
             b'q' => Held::Go(DVec3::NEG_Y),
             b'e' => Held::Go(DVec3::Y),
             b'r' => return self.recentre = true,
-            b'l' => return self.lock_exposure = true,
+            b'l' => return self.toggles.exposure = true,
+            b'o' => return self.toggles.overlay = true,
             _ => return,
         };
         self.hold(held, byte.is_ascii_uppercase(), now);
@@ -102,7 +102,7 @@ impl Pressed {
         let mut keys = Keys {
             hurry: self.hurry,
             recentre: std::mem::take(&mut self.recentre),
-            lock_exposure: std::mem::take(&mut self.lock_exposure),
+            toggles: std::mem::take(&mut self.toggles),
             leave: self.leave,
             ..Keys::default()
         };
@@ -168,6 +168,8 @@ mod tests {
         pressed.take(b"R", now);
         assert!(pressed.keys(now).recentre && !pressed.keys(now).recentre);
         pressed.take(b"l", now);
-        assert!(pressed.keys(now).lock_exposure && !pressed.keys(now).lock_exposure);
+        assert!(pressed.keys(now).toggles.exposure && !pressed.keys(now).toggles.exposure);
+        pressed.take(b"o", now);
+        assert!(pressed.keys(now).toggles.overlay && !pressed.keys(now).toggles.overlay);
     }
 }

@@ -99,6 +99,7 @@ impl Profile {
                 fov,
                 width: self.eye_width,
                 height: self.eye_height,
+                spacing: Default::default(),
             }
         })
     }

@@ -367,7 +367,7 @@ impl Headset for Session {
     fn input(&mut self, time: i64) -> Outcome<Input> {
         let floor = self.floor.moved(&self.space, xr::Time::from_nanos(time));
         let (hands, gaze) = self.actions(xr::Time::from_nanos(time))?;
-        Ok(Input { hands, gaze, floor, lock_exposure: false })
+        Ok(Input { hands, gaze, floor, ..Input::default() })
     }
 
     fn acquire(&mut self) -> Outcome<Option<Vec<Canvas>>> {

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use glam::DVec3;
 use winit::keyboard::KeyCode;
 
+use crate::headset::Toggles;
 use crate::headset::mouse_look::Wish;
 
 /// What is held and what has happened since the last frame.
@@ -13,7 +14,7 @@ pub struct Keys {
     held: BTreeSet<KeyCode>,
     mouse: [f64; 2],
     recentre: bool,
-    lock_exposure: bool,
+    toggles: Toggles,
 }
 
 impl Keys {
@@ -22,7 +23,8 @@ impl Keys {
         if down {
             let pressed = !self.held.contains(&key);
             self.recentre |= key == KeyCode::KeyR && pressed;
-            self.lock_exposure ^= key == KeyCode::KeyL && pressed;
+            self.toggles.exposure ^= key == KeyCode::KeyL && pressed;
+            self.toggles.overlay ^= key == KeyCode::KeyO && pressed;
             self.held.insert(key);
         } else {
             self.held.remove(&key);
@@ -56,9 +58,9 @@ impl Keys {
         (wish, std::mem::take(&mut self.recentre))
     }
 
-    /// Whether automatic exposure is to be locked, or let go, since the last frame.
-    pub fn take_lock(&mut self) -> bool {
-        std::mem::take(&mut self.lock_exposure)
+    /// What was switched since the last frame.
+    pub fn take_toggles(&mut self) -> Toggles {
+        std::mem::take(&mut self.toggles)
     }
 }
 
@@ -84,7 +86,14 @@ mod tests {
         assert!(!keys.take().1, "a held key recentres once");
         keys.key(KeyCode::KeyL, true);
         keys.key(KeyCode::KeyL, true);
-        assert!(keys.take_lock() && !keys.take_lock(), "a held key locks once");
+        let exposure = Toggles { exposure: true, overlay: false };
+        assert_eq!(
+            [keys.take_toggles(), keys.take_toggles()],
+            [exposure, Toggles::default()],
+            "a held key locks once"
+        );
+        keys.key(KeyCode::KeyO, true);
+        assert!(keys.take_toggles().overlay && !keys.take_toggles().overlay);
         keys.forget();
         assert_eq!(keys.take().0, Wish::default());
     }

@@ -19,11 +19,12 @@ use super::monitor::{CONNECTORS, Monitor, panel_among, rift_connectors};
 use super::{LensWarp, PanelPass};
 use crate::error::{Error, Result};
 use crate::gpu::vulkan::{Context, ContextOptions, Shown, Swapchain, Target, window_extensions};
+use crate::headset::Toggles;
 use crate::headset::mouse_look::Wish;
 
 /// The keys, for the title and for the line that the program greets with.
 pub const HELP: &str = "click: the mouse looks around; WASD or arrows, Q and E walk; Shift hurries; R recentres; \
-                        L holds the exposure; F11: full screen; Escape: lets the mouse go, then ends";
+                        L holds the exposure; O shows how pictures are made; F11: full screen; Escape: lets the mouse go, then ends";
 /// How long a title stays at least.
 const TITLE_STAYS: Duration = Duration::from_millis(500);
 /// How long one look waits for what the desktop says.
@@ -42,8 +43,8 @@ pub struct Moment {
     pub wish: Wish,
     /// The wearer looks ahead now.
     pub recentre: bool,
-    /// Automatic exposure stays as it is from now on, or follows again.
-    pub lock_exposure: bool,
+    /// What is switched.
+    pub toggles: Toggles,
     /// Pixels of the window.
     pub window: [u32; 2],
     /// Milliseconds between two pictures of the monitor that the window is on, where the desktop tells.
@@ -244,11 +245,11 @@ impl Shower {
         }
         let now = Instant::now();
         let (wish, recentre) = self.keys.take();
-        let lock_exposure = self.keys.take_lock();
+        let toggles = self.keys.take_toggles();
         let since_last = self.last.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
         self.began = Some(now);
         let (latency, period_ms) = (self.latency, period_ms(&opened.window));
-        Ok(Some(Moment { now, since_last, latency, wish, recentre, lock_exposure, window, period_ms }))
+        Ok(Some(Moment { now, since_last, latency, wish, recentre, toggles, window, period_ms }))
     }
 
     /// Shows one frame; whether it could be shown.

@@ -6,6 +6,7 @@ use super::*;
 use crate::gpu::vulkan::{Format, Image, testing};
 use crate::layout::{VisibilityRecord, pack_normal24};
 use crate::math::pose::Pose;
+use crate::math::spacing::{Axis, Spacing};
 use crate::math::view::FieldOfView;
 use crate::reconstruct::{Frame, Mode, Output, Reconstruction, Settings};
 use crate::reference::accumulate::{self, Sample};
@@ -13,13 +14,28 @@ use crate::reference::accumulate::{self, Sample};
 const SIZE: (u32, u32) = (60, 40);
 const REUSE: Reuse = Reuse { frames: 8, eyes: true };
 
+/// Pixels that are farther apart around a gaze that moves, in two of three frames.
+fn spacing(frame: u32) -> Spacing {
+    if frame.is_multiple_of(3) {
+        return Spacing::EVEN;
+    }
+    let axis = |picture, gaze, origin| Axis { picture, gaze, origin, radius: 6.0, growth: 0.012 };
+    Spacing { columns: axis(90.0, 40.0 + f64::from(frame), 25.0), rows: axis(60.0, 28.0, 19.0) }
+}
+
 /// Two eyes that walk and turn.
 fn eye(frame: u32, eye: usize) -> View {
     let frame = f64::from(frame);
     let position = DVec3::new(0.03 * frame + 0.064 * eye as f64, 0.01 * frame, -0.05 * frame);
     let rotation = DQuat::from_euler(glam::EulerRot::YXZ, 0.02 * frame, 0.01 * frame, 0.005 * frame);
     let fov = FieldOfView { left: -1.1, right: 0.9, up: 0.7, down: -0.6 };
-    View { world_from_eye: Pose::new(rotation, position), fov, width: SIZE.0, height: SIZE.1 }
+    View {
+        world_from_eye: Pose::new(rotation, position),
+        fov,
+        width: SIZE.0,
+        height: SIZE.1,
+        spacing: spacing(frame as u32),
+    }
 }
 
 /// Depth and normal of what a pixel sees: a wall behind, one aside, or nothing.
@@ -119,6 +135,7 @@ fn submit(
         visibility: Some((&visibility).into()),
         sun: None,
         least_expected: 0.01,
+        overlay: Default::default(),
         shown_from: None,
         other: Some(eye ^ 1),
         exposure: 0.0,

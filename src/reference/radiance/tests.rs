@@ -299,6 +299,7 @@ fn pictures_are_relative_to_the_anchor_and_repeatable() {
         fov: FieldOfView::symmetric(2.0 * 1.0f64.atan(), 1.0),
         width: 8,
         height: 8,
+        spacing: Default::default(),
     };
     let picture = renderer.picture(&view, 2, 1);
     // At 2 m a view of 90 degrees is 4 m wide: the floor covers the inner 4x4 pixels.

@@ -155,7 +155,13 @@ fn a_block_in_the_centre_of_a_town_is_stepped_around() {
 /// Checks that the whole bounds are in a square picture, and fill most of it.
 fn assert_framed(scene: &Scene, fov_y_deg: f64) {
     let Viewpoint { world_from_eye, fov_y } = default_viewpoint(scene, fov_y_deg);
-    let view = View { world_from_eye, fov: FieldOfView::symmetric(fov_y, 1.0), width: 1000, height: 1000 };
+    let view = View {
+        world_from_eye,
+        fov: FieldOfView::symmetric(fov_y, 1.0),
+        width: 1000,
+        height: 1000,
+        spacing: Default::default(),
+    };
     let (low, high) = scene.mesh.bounds().unwrap();
     let bounds = Bounds { low: low.as_dvec3(), high: high.as_dvec3() };
     let points: Vec<DVec2> = bounds

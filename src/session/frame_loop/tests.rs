@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use glam::{DQuat, DVec3};
 
 use super::*;
-use crate::headset::{Deadline, Gaze, HiddenMesh};
+use crate::headset::{Deadline, Gaze, HiddenMesh, Toggles};
 use crate::scene::generate::demo;
 
 /// Nanoseconds between pictures of the display.
@@ -118,7 +118,7 @@ struct Notebook {
     /// At which instants of the scene.
     instants: Vec<f64>,
     applied: usize,
-    toggled: usize,
+    toggled: [usize; 2],
 }
 
 struct Drawn {
@@ -159,8 +159,9 @@ impl Draw for Notebook {
         self.instants.push(seconds);
     }
 
-    fn toggle_exposure(&mut self) {
-        self.toggled += 1;
+    fn toggle(&mut self, toggles: Toggles) {
+        self.toggled[0] += usize::from(toggles.exposure);
+        self.toggled[1] += usize::from(toggles.overlay);
     }
 
     fn take_notes(&mut self) -> Vec<String> {
@@ -195,8 +196,8 @@ impl Draw for Absent<'_> {
         self.notebook.show_at(seconds);
     }
 
-    fn toggle_exposure(&mut self) {
-        self.notebook.toggle_exposure();
+    fn toggle(&mut self, toggles: Toggles) {
+        self.notebook.toggle(toggles);
     }
 
     fn take_notes(&mut self) -> Vec<String> {
@@ -252,7 +253,14 @@ fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut Wea
             ended: Vec::new(),
             status: String::new(),
         },
-        notebook: Notebook { clock, cost, drawn: Vec::new(), instants: Vec::new(), applied: 0, toggled: 0 },
+        notebook: Notebook {
+            clock,
+            cost,
+            drawn: Vec::new(),
+            instants: Vec::new(),
+            applied: 0,
+            toggled: [0; 2],
+        },
         listener: Listener::default(),
     };
     change(&mut run.wearer);
@@ -415,9 +423,9 @@ fn what_nobody_sees_is_not_traced() {
 #[test]
 fn time_is_held_told_and_the_exposure_locked_where_that_is_asked() {
     let mut config = per_eye();
-    let lock = |wearer: &mut Wearer| wearer.input.lock_exposure = true;
+    let lock = |wearer: &mut Wearer| wearer.input.toggles.exposure = true;
     let run = frames(&config, 1_000_000, 2, lock);
-    assert_eq!((run.notebook.applied, run.notebook.toggled), (0, 2));
+    assert_eq!((run.notebook.applied, run.notebook.toggled), (0, [2, 0]));
     assert_eq!(run.wearer.status, "0 samples");
     config.budget.target_ms = crate::config::TargetMs::Ms(0.001);
     let run = frames(&config, 1_000_000, 12, |_| {});

@@ -50,7 +50,7 @@ fn check(scene: &Scene) {
             eye.rotation * glam::DQuat::from_rotation_y(turn) * glam::DQuat::from_rotation_z(turn);
         let (width, height) = (317, 203);
         let fov = FieldOfView::symmetric(1.2, f64::from(width) / f64::from(height));
-        let view = View { world_from_eye, fov, width, height };
+        let view = View { world_from_eye, fov, width, height, spacing: Default::default() };
         let settings =
             Settings { rays: 1, bounces: 0, cached: false, edge_rays: 0, guided: false, seed: 5, jitter };
         let (blocks, streams) = hits_both_ways(&mut tracer, &view, settings);
@@ -82,7 +82,7 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     let mut tracer = Tracer::new(&device, &scene, &bvh, &light).unwrap();
     let fov = FieldOfView::symmetric(1.2, 2.0);
     let world_from_eye = default_viewpoint(&scene, 70.0).world_from_eye;
-    let view = View { world_from_eye, fov, width: 128, height: 64 };
+    let view = View { world_from_eye, fov, width: 128, height: 64, spacing: Default::default() };
     let pattern = tracer.pattern(&Pattern::new(&view, &Law::Full, DVec2::splat(0.5), view.pixels())).unwrap();
     let samples = Buffer::new(&device, view.pixels()).unwrap();
     let records = Buffer::from_slice(&device, &vec![VisibilityRecord::default(); view.pixels()]).unwrap();

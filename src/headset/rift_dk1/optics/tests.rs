@@ -91,6 +91,7 @@ fn a_warp_is_the_same_as_the_lens_model() {
             fov: optics.field_of_view(eye),
             width: picture[0],
             height: picture[1],
+            spacing: Default::default(),
         };
         for pixel in [DVec2::new(12.5, 700.5), DVec2::new(320.5, 400.5), DVec2::new(600.5, 3.5)] {
             let at = pixel + DVec2::X * f64::from(warp.target[0]);
