@@ -220,6 +220,20 @@ mod tests {
         refused("reaches out of its leaves", &|tree| tree.order[7].triangle = tree.order[8].triangle);
     }
 
+    /// The root and its first child both lead to the last node, whose depth would be that of the shorter way.
+    #[test]
+    fn a_node_with_two_parents_is_refused() {
+        let (positions, triangles) = heap(1);
+        let whole = WideBvh::build(&positions, &triangles);
+        let (mut root, mut between) = (whole.nodes[0], whole.nodes[0]);
+        for rows in [&mut root.lower, &mut root.upper] {
+            rows.iter_mut().for_each(|row| row[1] = row[0]);
+        }
+        (root.children[0], root.children[1], between.children[0]) = (1, 2, 2);
+        let tree = WideBvh { nodes: vec![root, between, whole.nodes[0]], order: whole.order.clone() };
+        assert_eq!(tree.find_unsound(&positions, &triangles), Some("a node has two parents"));
+    }
+
     #[test]
     fn a_chain_of_nodes_is_too_deep() {
         let (positions, triangles) = heap(1);
