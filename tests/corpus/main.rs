@@ -73,6 +73,17 @@ fn saved_inputs_and_their_neighbours_do_no_harm() {
     }
 }
 
+/// The same with many more changes of each input, for machines without what `make fuzz` needs.
+#[test]
+#[ignore = "takes long"]
+fn long_way_from_saved_inputs() {
+    for (name, entry) in ENTRIES {
+        let start = std::time::Instant::now();
+        let fed = feed(name, entry, if name == "tree" { 200 } else { 5000 });
+        println!("{name}: {fed} inputs in {:.1} s", start.elapsed().as_secs_f64());
+    }
+}
+
 /// Each entry is a target of `fuzz/`, and has a folder of seeds; nothing else has.
 #[test]
 fn every_entry_is_a_fuzz_target() {
