@@ -21,6 +21,7 @@ fn main() -> ExitCode {
     let cli = foveate::cli::Cli::parse();
     let json = cli.json();
     foveate::progress::show();
+    foveate::cli::end_with(end_at_once);
     if let Some((folder, note)) = foveate::cli::caches::elsewhere().filter(|_| cli.uses_drivers()) {
         foveate::cli::complain(&format!("note: {note}"));
         defaults.push(("XDG_CACHE_HOME", folder.into()));
@@ -38,19 +39,20 @@ fn main() -> ExitCode {
         foveate::cli::fail(error, json);
     }
     if foveate::waiting::has_given_up() {
-        end_at_once(done.is_ok());
+        end_at_once(i32::from(done.is_err()));
     }
     if done.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Ends without what drivers do at a program's end: one that does not answer would keep it.
-fn end_at_once(well: bool) {
+/// Ends without what drivers do at a program's end: one that does not answer would keep it, and one that is at work
+/// may crash.
+fn end_at_once(code: i32) -> ! {
     let _ = std::io::Write::flush(&mut std::io::stdout());
     #[cfg(unix)]
     // SAFETY: nothing is left to be done in this process.
     unsafe {
-        nix::libc::_exit(i32::from(!well));
+        nix::libc::_exit(code);
     }
     #[cfg(not(unix))]
-    std::process::exit(i32::from(!well));
+    std::process::exit(code);
 }

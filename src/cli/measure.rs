@@ -6,6 +6,7 @@ use indicatif::ProgressBar;
 
 use super::mock;
 use super::options::{MeasureOptions, Options};
+use super::stop::end_now;
 use super::{output, render};
 use crate::config::{Config, Layers, Stereo};
 use crate::error::{Error, Result};
@@ -109,7 +110,7 @@ fn on_interrupt(bar: &ProgressBar, out: &Path) -> Result<()> {
         super::complain(&format!(
             "stopped; {out} keeps what was measured, and the same command goes on from there"
         ));
-        std::process::exit(130);
+        end_now(130);
     };
     ctrlc::set_handler(handler)
         .map_err(|e| Error::setting("Ctrl-C", format!("it cannot be listened to ({e}); start again")))

@@ -25,6 +25,7 @@ use clap::{Parser, Subcommand};
 
 use crate::error::{Error, Result};
 pub use crate::progress::complain;
+pub use stop::end_with;
 
 /// Ray-traces a glTF scene for a headset: sharp where the eye looks, sparse elsewhere.
 #[derive(Debug, Parser)]

@@ -130,11 +130,11 @@ fn mark(scale: &Scale, index: usize, p: &Point, labels: &mut Labels) -> String {
         "given" | "rival" => {
             let end = x > WIDTH * 0.7;
             let (dx, anchor) = if end { (-10.0, "end") } else { (10.0, "start") };
-            let baseline = labels.place(x + dx, y, p.name.chars().count(), end);
+            let baseline = labels.place(x + dx, y, p.title().chars().count(), end);
             format!(
                 "<text x=\"{:.1}\" y=\"{baseline:.1}\" text-anchor=\"{anchor}\">{}</text>",
                 x + dx,
-                super::page::escaped(&p.name)
+                super::page::escaped(&p.title())
             )
         }
         _ => String::new(),

@@ -130,7 +130,7 @@ fn gist(report: &Report) -> String {
 fn data(report: &Report) -> String {
     let point = |p: &Point| {
         serde_json::json!({
-            "name": p.name, "ms": p.frame_ms, "score": p.foveated_score, "psnr": p.psnr, "flip": p.flip,
+            "name": p.title(), "ms": p.frame_ms, "score": p.foveated_score, "psnr": p.psnr, "flip": p.flip,
             "flicker": p.flicker, "relmse": p.relmse, "samples": p.samples, "rays": p.rays, "front": p.on_front, "config": p.config,
         })
     };

@@ -92,6 +92,10 @@ fn a_measurement_reports_its_points_and_goes_on_where_it_was() {
             !table.contains(&format!("{} (missed", point["name"].as_str().unwrap())),
             "{table}"
         );
+        // Wherever the page names it: beside its mark in the chart, in what is told of it, in the list of all points.
+        let page = std::fs::read_to_string(folder.path().join("trade/report.html")).unwrap();
+        let missed = page.matches(&format!("{} (missed", point["name"].as_str().unwrap())).count();
+        assert!(if equal { missed == 0 } else { missed >= 4 }, "{missed} times: {point}");
     }
     for rival in ["the paper's settings", "zones of 32/16/8", "foveated inset", "lower resolution"] {
         assert!(table.contains(rival), "{table}");

@@ -86,7 +86,7 @@ fn index_of(report: &Report, point: &Point) -> usize {
 }
 
 fn figure(index: usize, point: &Point, picture: &[u8], error: &[u8]) -> String {
-    let name = escaped(&point.name);
+    let name = escaped(&point.title());
     format!(
         "<figure data-point=\"{index}\"><div class=\"pair\"><span class=\"seen\">{}</span>{}</div>\
          <figcaption><b>{name}</b>: {:.1} ms, score {:.2}, {:.1} dB, FLIP {:.4}</figcaption></figure>\n",

@@ -163,7 +163,7 @@ pub fn all_points(report: &Report) -> String {
         text += &format!(
             "<tr id=\"p{index}\"><td><details><summary>{}</summary><pre>{}</pre></details>\
              <td>{:.1}<td>{:.1}<td>{:.1}<td>{:.1}<td>{}<td>{}<td>{:.2}<td>{:.5}<td>{:.4}<td>{:.2}<td>{:.4}<td>{}<td>{}</tr>\n",
-            escaped(&p.name),
+            escaped(&p.title()),
             escaped(&config).replace("  ", "&#160;&#160;"),
             p.frame_ms,
             p.frame_ms_p10,
