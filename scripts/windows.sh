@@ -11,7 +11,7 @@ target=x86_64-pc-windows-gnu
 export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-target/windows} FOVEATE_DRIVERS=
 
 case $task in
-  check) cargo=(check --lib --bins) ;;
+  check) cargo=(check --package foveate --lib --bins) ;;
   build)
     cargo=(build --release --bin foveate)
     command -v x86_64-w64-mingw32-gcc >/dev/null || {
