@@ -39,17 +39,17 @@ static uchar settle_blend(const Scene *scene, const Camera *camera, uint x, uint
 }
 #endif
 
-// A work-item takes 8 by 8 pixels of the tiles first .. first + count, whose hits met all BLEND surfaces.
+// A work-item takes 8 by 8 pixels, or one, of the tiles first .. first + count, whose hits met all BLEND surfaces.
 __kernel void settle_blends(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count,
                             __global HitRecord *hits, __global uchar *alphas)
 {
 #if HAS_ALPHA
     Scene scene = SCENE_ARGUMENTS;
-    uint left, top;
-    if (!block_corner(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top))
+    uint left, top, right, bottom;
+    if (!pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top, &right, &bottom))
         return;
-    for (uint y = top; y < min(top + BLOCK, camera.height); ++y)
-        for (uint x = left; x < min(left + BLOCK, camera.width); ++x) {
+    for (uint y = top; y < bottom; ++y)
+        for (uint x = left; x < right; ++x) {
             HitRecord hit = hits[y * camera.width + x];
             alphas[y * camera.width + x] = settle_blend(&scene, &camera, x, y, &hit);
             hits[y * camera.width + x] = hit;
@@ -62,11 +62,11 @@ __kernel void share_blends(Camera camera, __global const uint *tiles, uint first
                            __global VisibilityRecord *records)
 {
 #if HAS_ALPHA
-    uint left, top;
-    if (!block_corner(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top))
+    uint left, top, right, bottom;
+    if (!pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &left, &top, &right, &bottom))
         return;
-    for (uint y = top; y < min(top + BLOCK, camera.height); ++y)
-        for (uint x = left; x < min(left + BLOCK, camera.width); ++x) {
+    for (uint y = top; y < bottom; ++y)
+        for (uint x = left; x < right; ++x) {
             uint pixel = y * camera.width + x, neighbour = NONE;
             if (alphas[pixel] == 0)
                 continue;

@@ -1,35 +1,5 @@
-// Where surfaces meet inside a pixel: how much of the pixel belongs to a neighbour's surface.
-//
-// A pixel whose neighbours see other surfaces sends more camera rays through itself. What they hit is
-// mostly what the pixel's centre or one of its eight neighbours sees, so no more has to be described or
-// shaded: the reconstruction blends the pixel with that neighbour. Visibility has more samples than
-// shading, as in subpixel reconstruction antialiasing (Chajdas et al. 2011), but only where it changes.
-
-// Two hits lie on one surface if one of them is nearer to the other's plane than so many pixels' widths,
-// and if their normals' cosine is at least SAME_NORMAL.
-#define SAME_PLANE 1.5f
-#define SAME_NORMAL 0.9f
-// Steps of 255 by which the roots of base colours may differ.
-#define SAME_BASE 24
-#define MOST_EDGE_RAYS 8u
-// Fifteenths of a pixel that belong to a neighbour, and which one that is, in a record's normal.
-#define NEIGHBOUR_SHIFT 24
-#define SHARE_SHIFT 27
-#define WHOLE_SHARE 15.0f
-
-// A camera ray's hit.
-typedef struct {
-    uint triangle;
-    float t;
-    float3 d;
-} Seen;
-
-// A triangle as far as it tells surfaces apart: its plane relative to the eye, with the normal towards it.
-typedef struct {
-    uint material;
-    float3 normal;
-    float plane;
-} Flat;
+// Edges of 8 by 8 pixels at a time: see edge.h.
+#if !SINGLE_RAYS
 
 // A block's pixels and those around it, row by row: of sixteen lanes ten count. Places in it are
 // 16 * row + column, and the block begins at row 1, column 1. Pixels beyond the picture repeat its last ones.
@@ -109,13 +79,7 @@ static Flat flat_of(Window *w, const Seen *s)
     ulong found = lanes_of16(w->kept == s->triangle);
     if (found)
         return w->flats[lowest_bit64(found)];
-    uint packed = w->scene->triangles[s->triangle].packed;
-    float3 v[3];
-    triangle_corners(w->scene, s->triangle, packed, v);
-    float3 a = (v[0] - load3(w->camera->origin)) - load3(w->camera->origin_low);
-    float3 n = unit_or(cross(v[1] - v[0], v[2] - v[0]), -s->d);
-    n = dot3(n, s->d) > 0.0f ? -n : n;
-    Flat flat = {TRIANGLE_MATERIAL(packed), n, dot3(n, a)};
+    Flat flat = flat_seen(w->scene, w->camera, s);
     w->flats[w->next] = flat;
     ((uint *)&w->kept)[w->next] = s->triangle;
     w->next = (w->next + 1u) % FLATS_KEPT;
@@ -129,9 +93,7 @@ static bool on_one_surface(Window *w, const Seen *a, const Seen *b)
     if (!IS_HIT(a->triangle) || !IS_HIT(b->triangle))
         return false;
     Flat p = flat_of(w, a), q = flat_of(w, b);
-    float allowed = SAME_PLANE * w->pixel * min(a->t, b->t);
-    return p.material == q.material && dot3(p.normal, q.normal) >= SAME_NORMAL &&
-           min(fabs(dot3(p.normal, b->d) * b->t - p.plane), fabs(dot3(q.normal, a->d) * a->t - q.plane)) <= allowed;
+    return flats_agree(&p, &q, a, b, w->pixel);
 }
 
 // What the records say of the window's surfaces.
@@ -266,21 +228,6 @@ static Edges find_edges(Window *w, __global const VisibilityRecord *records)
     return edges;
 }
 
-// Point `ray` of `rays` in a pixel: a Hammersley set.
-static float2 point_in_pixel(uint ray, uint rays)
-{
-    float radical_inverse = (float)((ray & 1u) << 2 | (ray & 2u) | (ray & 4u) >> 2) * 0.125f;
-    float half_step = 0.5f / (float)rays;
-    return (float2)(((float)ray + 0.5f) / (float)rays, min(radical_inverse + half_step, 1.0f - half_step));
-}
-
-// How the place of neighbour `i` of a pixel, counted row by row without the pixel itself, lies to the pixel's.
-static int2 step_to(uint i)
-{
-    uint place = i < 4u ? i : i + 1u;
-    return (int2)((int)(place % 3u) - 1, (int)(place / 3u) - 1);
-}
-
 // Whether neighbour `i` of a pixel of the window lies in the picture, and its place.
 static bool neighbour_of(const Window *w, uint place, uint i, uint *neighbour)
 {
@@ -310,20 +257,7 @@ static uint neighbour_that_sees(Window *w, uint place, const Seen *hit, float2 p
     return best;
 }
 
-// What a pixel's record says after its rays' votes for each neighbour: the share of them all goes to
-// the neighbour that most of them see. The pixel's centre is one vote for itself.
-static uint packed_share(const uint votes[8], uint rays)
-{
-    uint winner = 0u, all = 0u;
-    for (uint i = 0; i < 8u; ++i) {
-        winner = votes[i] > votes[winner] ? i : winner;
-        all += votes[i];
-    }
-    uint share = (uint)((float)all / (float)(rays + 1u) * WHOLE_SHARE + 0.5f);
-    return winner << NEIGHBOUR_SHIFT | share << SHARE_SHIFT;
-}
-
-// The same at a shadow's edge, from how many neighbours it separates from the pixel: where three in a row
+// What a pixel's record says at a shadow's edge, from how many neighbours it separates from the pixel: where three in a row
 // are, as along a straight edge, an eighth: the edge lies in one of the two pixels beside it, and there it cuts
 // off a quarter on average.
 static uint share_of_shadow(Window *w, uint place)
@@ -342,7 +276,7 @@ static uint share_of_shadow(Window *w, uint place)
         int2 step = step_to(i);
         winner = apart == 1u || step.x == 0 || step.y == 0 ? i : winner;
     }
-    return winner << NEIGHBOUR_SHIFT | (uint)((float)apart / 24.0f * WHOLE_SHARE + 0.5f) << SHARE_SHIFT;
+    return packed_shadow(winner, apart);
 }
 
 // Adds the neighbours' shares to the records of all pixels of the tiles first .. first + tile_count; a work-item
@@ -408,3 +342,4 @@ __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global c
         }
     }
 }
+#endif

@@ -16,12 +16,8 @@ __kernel void trace_pixels(SCENE_PARAMETERS, Camera camera, __global const uint 
                            __global HitRecord *hits, uint seed)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint item = (uint)get_global_id(0), inside = item % (BLOCK * BLOCK);
-    uint left, top;
-    if (!block_corner(&camera, tiles, first, count, item / (BLOCK * BLOCK), &left, &top))
-        return;
-    uint x = left + inside % BLOCK, y = top + inside / BLOCK;
-    if (x < camera.width && y < camera.height)
+    uint x, y, right, bottom;
+    if (pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &x, &y, &right, &bottom))
         hits[y * camera.width + x] = look_through(&scene, &camera, x, y, seed);
 }
 

@@ -6,6 +6,77 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
     return record;
 }
 
+#if HAS_GLOSSY
+// What a mirror shows of a surface that it meets, about: the sky's light on it and the sun's. Asked where samples look for what surfaces send.
+static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, uint seed,
+                             uint *rays)
+{
+    Surface s = surface_at(scene, place, origin, 0.0f, d, 0.01f * t);
+    if (s.unlit)
+        return s.emission;
+    float3 light = glossy_radiance(scene, shading, s.normal, 1.0f) * s.occlusion;
+#if HAS_SUN
+    float3 sun = load3(shading->sun_direction);
+    float cosine = dot3(s.normal, sun), far = INFINITY;
+    uint other;
+    if (cosine > 0.0f && dot3(s.geometric, sun) > 0.0f) {
+        ++*rays;
+        if (!trace_ray(scene, leave_surface(&s), 0.0f, sun, &far, &other, ANY, seed))
+            light += load3(shading->sun_radiance) * (2.0f * shading->sun_one_minus_cos * cosine);
+    }
+#endif
+    float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
+    return s.emission + diffuse_color(&s) * light +
+           specular_scale(f0) * expected_reflection(scene, shading, s.normal, s.geometric, -d, r, s.roughness, f0);
+}
+
+// What a pixel expects to mirror, from `origin` on a surface: see glossy.h.
+static float3 expected_at(const Scene *scene, const Shading *shading, float3 origin, float3 n, float3 g, float3 d, float roughness,
+                          float3 f0, float occlusion, uint seed, uint *rays)
+{
+    float3 r = mirrored(n, -d, roughness);
+    // Where the normals of vertices mirror into the surface itself, it is as if the surface mirrored that away.
+    r -= g * (2.0f * min(dot3(r, g), 0.0f));
+    float3 light = expected_reflection(scene, shading, n, g, -d, r, roughness, f0) * occlusion;
+    if (!is_mirror(n, -d, roughness, f0))
+        return light;
+    float t = INFINITY;
+    uint place;
+    ++*rays;
+    if (shading->bounces == 0u && !shading->cached)
+        return trace_ray(scene, origin, 0.0f, r, &t, &place, ANY, seed) ? 0.0f : light;
+    if (!trace_ray(scene, origin, 0.0f, r, &t, &place, CLOSEST_FRONT, seed))
+        return light;
+    float2 white = white_reflection(roughness, max(dot3(n, -d), 1.0e-4f));
+    return seen_in_mirror(scene, shading, origin, r, place, t, seed, rays) * (f0 * white.x + white.y) / specular_scale(f0);
+}
+#endif
+
+#if HAS_LAYERS || HAS_GLASS
+// Half the sun's angular radius, by which its disc widens highlights (Karis 2013).
+#define SUN_RADIUS 0.0023f
+
+// What a surface reflects of the sun as a point, its highlights widened by the disc as in reconstruct.wgsl.
+static float3 sunlight_on(const Surface *surface, const Shading *shading, float3 view)
+{
+#if HAS_SUN
+    Surface s = *surface;
+    s.alpha = min(s.alpha + SUN_RADIUS, 1.0f);
+#if HAS_LAYERS
+    s.alphas = min(s.alphas + SUN_RADIUS, 1.0f);
+    s.coat_alpha = min(s.coat_alpha + SUN_RADIUS, 1.0f);
+#endif
+    float3 f0 = specular_color(&s);
+    Reflection r = reflection(&s, f0, view, load3(shading->sun_direction));
+    float3 irradiance = load3(shading->sun_radiance) * (2.0f * PI * shading->sun_one_minus_cos);
+    return (diffuse_color(&s) * r.diffuse + specular_scale(f0) * r.specular) * irradiance;
+#else
+    return 0.0f;
+#endif
+}
+#endif
+
+#if !SINGLE_RAYS
 static Vectors color_of(const Scene *scene, const Group *g, float3 factor, __global const TextureUse *use)
 {
     Vectors color = everywhere(factor);
@@ -63,50 +134,6 @@ static uint8 pack_emissions(Vectors emission)
 }
 
 #if HAS_GLOSSY
-// What a mirror shows of a surface that it meets, about: the sky's light on it and the sun's. Asked where samples look for what surfaces send.
-static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, uint seed,
-                             uint *rays)
-{
-    Surface s = surface_at(scene, place, origin, 0.0f, d, 0.01f * t);
-    if (s.unlit)
-        return s.emission;
-    float3 light = glossy_radiance(scene, shading, s.normal, 1.0f) * s.occlusion;
-#if HAS_SUN
-    float3 sun = load3(shading->sun_direction);
-    float cosine = dot3(s.normal, sun), far = INFINITY;
-    uint other;
-    if (cosine > 0.0f && dot3(s.geometric, sun) > 0.0f) {
-        ++*rays;
-        if (!trace_ray(scene, leave_surface(&s), 0.0f, sun, &far, &other, ANY, seed))
-            light += load3(shading->sun_radiance) * (2.0f * shading->sun_one_minus_cos * cosine);
-    }
-#endif
-    float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
-    return s.emission + diffuse_color(&s) * light +
-           specular_scale(f0) * expected_reflection(scene, shading, s.normal, s.geometric, -d, r, s.roughness, f0);
-}
-
-// What a pixel expects to mirror, from `origin` on a surface: see glossy.h.
-static float3 expected_at(const Scene *scene, const Shading *shading, float3 origin, float3 n, float3 g, float3 d, float roughness,
-                          float3 f0, float occlusion, uint seed, uint *rays)
-{
-    float3 r = mirrored(n, -d, roughness);
-    // Where the normals of vertices mirror into the surface itself, it is as if the surface mirrored that away.
-    r -= g * (2.0f * min(dot3(r, g), 0.0f));
-    float3 light = expected_reflection(scene, shading, n, g, -d, r, roughness, f0) * occlusion;
-    if (!is_mirror(n, -d, roughness, f0))
-        return light;
-    float t = INFINITY;
-    uint place;
-    ++*rays;
-    if (shading->bounces == 0u && !shading->cached)
-        return trace_ray(scene, origin, 0.0f, r, &t, &place, ANY, seed) ? 0.0f : light;
-    if (!trace_ray(scene, origin, 0.0f, r, &t, &place, CLOSEST_FRONT, seed))
-        return light;
-    float2 white = white_reflection(roughness, max(dot3(n, -d), 1.0e-4f));
-    return seen_in_mirror(scene, shading, origin, r, place, t, seed, rays) * (f0 * white.x + white.y) / specular_scale(f0);
-}
-
 // The same for the pixels of a group, packed.
 static uint8 expected_of_group(const Scene *scene, const Shading *shading, const Facet *f, const Group *g, Vectors normals,
                                Vectors base, float8 metallic, float8 roughness, uint seed, uint *rays)
@@ -188,28 +215,6 @@ static void describe_group(const Scene *scene, const Camera *camera, const Shadi
 }
 
 #if HAS_LAYERS || HAS_GLASS
-// Half the sun's angular radius, by which its disc widens highlights (Karis 2013).
-#define SUN_RADIUS 0.0023f
-
-// What a surface reflects of the sun as a point, its highlights widened by the disc as in reconstruct.wgsl.
-static float3 sunlight_on(const Surface *surface, const Shading *shading, float3 view)
-{
-#if HAS_SUN
-    Surface s = *surface;
-    s.alpha = min(s.alpha + SUN_RADIUS, 1.0f);
-#if HAS_LAYERS
-    s.alphas = min(s.alphas + SUN_RADIUS, 1.0f);
-    s.coat_alpha = min(s.coat_alpha + SUN_RADIUS, 1.0f);
-#endif
-    float3 f0 = specular_color(&s);
-    Reflection r = reflection(&s, f0, view, load3(shading->sun_direction));
-    float3 irradiance = load3(shading->sun_radiance) * (2.0f * PI * shading->sun_one_minus_cos);
-    return (diffuse_color(&s) * r.diffuse + specular_scale(f0) * r.specular) * irradiance;
-#else
-    return 0.0f;
-#endif
-}
-
 // Pixels of layered surfaces and of glass, whose colours and light their records' fields do not describe: they have what their
 // samples are divided by, and the sun's light beside the emission. The sun counts as seen nowhere, so that it is
 // not added again.
@@ -275,3 +280,4 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
         records[y * camera.width + x] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
     }
 }
+#endif

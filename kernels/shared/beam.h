@@ -5,6 +5,7 @@
 // origins at offsets q from a base, an edge volume of vertices relative to the base changes linearly:
 // d.((p - q) x (r - q)) = d.(p x r) + q.((p - r) x d), so a leaf is set up once for all rays.
 
+#if !SINGLE_RAYS
 #define BEAM_ROWS 4u
 
 // Where rays start, in rows of sixteen.
@@ -251,4 +252,5 @@ __attribute__((noinline)) static ulong trace_beam(const Scene *scene, const Beam
     }
     return b->rays & ~lit;
 }
+#endif
 #endif

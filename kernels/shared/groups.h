@@ -1,4 +1,5 @@
 // Pixels of a block by the triangles that they see, eight at a time.
+#if !SINGLE_RAYS
 
 // The rays of eight pixels.
 static Vectors camera_rays(const Camera *camera, uint8 x, uint8 y)
@@ -120,3 +121,4 @@ static ulong find_groups(const Scene *scene, const Camera *camera, __global cons
     }
     return background;
 }
+#endif

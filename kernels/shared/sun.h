@@ -1,6 +1,7 @@
 // Which pixels see the sun's centre: with the sun's light known, that is all that its shadows need,
 // and at every pixel they are as sharp as the picture. What lets some of the light through hides the centre where that is
 // less than half; how much it is, samples know.
+#if !SINGLE_RAYS
 #if HAS_SUN
 
 // Pixels whose origins lie within this many pixel widths across the beam are traced together.
@@ -48,4 +49,5 @@ static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun,
     }
     return visible;
 }
+#endif
 #endif

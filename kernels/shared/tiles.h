@@ -18,6 +18,28 @@ static bool block_corner(const Camera *camera, __global const uint *tiles, uint 
     return !(entry >> LEFT_OUT_SHIFT >> block & 1u) && *left < camera->width && *top < camera->height;
 }
 
+// The pixels of work-item `item` of those tiles, where each block is one's, or each pixel (SINGLE_RAYS): from (left, top)
+// up to (right, bottom), which are none.
+static bool pixels_of_item(const Camera *camera, __global const uint *tiles, uint first, uint count, uint item, uint *left,
+                           uint *top, uint *right, uint *bottom)
+{
+#if SINGLE_RAYS
+    if (!block_corner(camera, tiles, first, count, item / (BLOCK * BLOCK), left, top))
+        return false;
+    *left += item % BLOCK;
+    *top += item / BLOCK % BLOCK;
+    *right = *left + 1u;
+    *bottom = *top + 1u;
+    return *left < camera->width && *top < camera->height;
+#else
+    if (!block_corner(camera, tiles, first, count, item, left, top))
+        return false;
+    *right = min(*left + BLOCK, camera->width);
+    *bottom = min(*top + BLOCK, camera->height);
+    return true;
+#endif
+}
+
 // The first pixel of row `item` of those tiles; false where there is none.
 static bool row_start(const Camera *camera, __global const uint *tiles, uint first, uint count, uint item, uint *left,
                       uint *y)

@@ -6,7 +6,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 32] = [
+const FILES: [&str; 35] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -35,7 +35,10 @@ const FILES: [&str; 32] = [
     include_str!("../../kernels/shared/sun.h"),
     include_str!("../../kernels/blend.cl"),
     include_str!("../../kernels/visibility.cl"),
+    include_str!("../../kernels/gpu/visibility.cl"),
+    include_str!("../../kernels/shared/edge.h"),
     include_str!("../../kernels/edges.cl"),
+    include_str!("../../kernels/gpu/edges.cl"),
     include_str!("../../kernels/cache.cl"),
     include_str!("../../kernels/shade.cl"),
     include_str!("../../kernels/gather.cl"),

@@ -497,26 +497,31 @@ impl Tracer {
     ) -> Result<Vec<Event>> {
         let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
         let group = self.traversals.pixels.group();
-        let blocks = count as usize * BLOCKS_PER_TILE;
+        let items = self.traversals.pixels.items_of_blocks(count as usize * BLOCKS_PER_TILE);
         let mut args = self.scene.args(self.traversals.pixels);
         args.push(Arg::value(camera));
         args.extend(tiles);
         args.push(Arg::buffer(&self.hits));
         let blends = self.may_blend && edge_rays > 0;
         args.push(Arg::U32(if blends { MEET_BLENDS } else { camera.seed }));
-        let items = self.traversals.pixels.items_of_blocks(blocks);
         let mut events = vec![self.trace_pixels.launch(&args, items, group)?];
         if blends {
             args.pop();
             args.push(Arg::buffer(&self.alphas));
-            events.push(self.settle_blends.launch(&args, blocks, group)?);
+            events.push(self.settle_blends.launch(&args, items, group)?);
         }
         let mut args = self.scene.args(self.traversals.pixels);
         args.extend([Arg::value(camera), Arg::value(shading)]);
         args.extend(tiles);
         args.extend([Arg::buffer(&self.hits), Arg::buffer(records), Arg::buffer(&self.counters)]);
-        events.push(self.describe_pixels.launch(&args, blocks, group)?);
+        events.push(self.describe_pixels.launch(&args, items, group)?);
         Ok(events)
+    }
+
+    /// Launches a kernel over the pixels of a part's own tiles.
+    fn launch_pixels(&self, kernel: &Kernel, args: &[Arg<'_>], part: &Part) -> Result<Event> {
+        let traversal = self.traversals.pixels;
+        kernel.launch(args, traversal.items_of_blocks(part.tiles.len() * BLOCKS_PER_TILE), traversal.group())
     }
 
     fn share_blends(
@@ -534,7 +539,7 @@ impl Tracer {
             Arg::buffer(&self.alphas),
             Arg::buffer(records),
         ];
-        self.share_blends.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.traversals.pixels.group())
+        self.launch_pixels(&self.share_blends, &args, part)
     }
 
     fn share_edges(
@@ -556,7 +561,7 @@ impl Tracer {
             Arg::buffer(records),
             Arg::buffer(&self.counters),
         ]);
-        self.share_edges.launch(&args, part.tiles.len() * BLOCKS_PER_TILE, self.traversals.pixels.group())
+        self.launch_pixels(&self.share_edges, &args, part)
     }
 
     fn trace_only_samples(

@@ -15,10 +15,10 @@ use foveate::reference::reconstruct::WeightKind;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::sky::Sky;
 use foveate::scene::{Environment, Material, Scene};
-use foveate::trace::Settings;
+use foveate::trace::{Settings, Traversal};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 
-use crate::bench::{Bench, PLAIN, Picture, all_pixels, on_every_device, view};
+use crate::bench::{Bench, EVERYTHING, PLAIN, Picture, all_pixels, on_every_device, view};
 use crate::common;
 use crate::scenes::{colourful, cuboid, floor, mapped, matt, metal, scene_of, texture};
 
@@ -241,6 +241,51 @@ fn described(scene: &Scene, bench: &mut Bench, view: &View) {
     println!("{checked} textured pixels, {off:?} described otherwise, {other} see something else");
     assert!(checked > view.pixels() / 20 && off.iter().all(|&off| off * 8 < checked), "{checked} {off:?}");
     assert!(other < 4, "{other} rays go elsewhere");
+}
+
+/// A work-item a pixel, as GPUs have it, describes what one for 8 by 8 pixels does, and finds the same edges.
+#[test]
+fn both_variants_describe_the_same() {
+    on_every_device(|device| {
+        let (scene, light) = (still_life(), light());
+        let traced = |traversal: Traversal, view: &View| {
+            let settings = Settings { guided: true, edge_rays: 4, rays: 1, ..PLAIN };
+            Bench::walking(device, &scene, &light, &EVERYTHING, traversal).trace(
+                view,
+                &settings,
+                &all_pixels(view),
+            )
+        };
+        for view in [eye(), spaced_eye()] {
+            let [packet, single] = [Traversal::Packet, Traversal::SingleRay].map(|t| traced(t, &view));
+            let mut off = [0; 8];
+            for (a, b) in packet.visibility.iter().zip(&single.visibility) {
+                let near = |a: DVec3, b: DVec3, most: f64| (a - b).abs().max_element() <= most;
+                let normal = |packed: u32| DVec3::from(unpack_normal24(packed & 0xff_ffff).map(f64::from));
+                let light = |packed: u32| DVec3::from(unpack_emission(packed).map(f64::from));
+                let bytes = |v: u32, w: u32| v.abs_diff(w) > 2;
+                off[0] += usize::from((a.depth - b.depth).abs() > 1e-4 * a.depth);
+                off[1] += usize::from(!near(normal(a.normal), normal(b.normal), 0.002));
+                off[2] += usize::from(!near(normal(a.mapped), normal(b.mapped), 0.02));
+                off[3] += usize::from(a.normal >> 31 != b.normal >> 31);
+                off[4] += usize::from(a.normal >> 24 & 127 != b.normal >> 24 & 127);
+                off[5] += usize::from(
+                    bytes(a.base >> 8 & 255, b.base >> 8 & 255) || bytes(a.base >> 24, b.base >> 24),
+                );
+                let (lit, reflected) = (light(a.emission), light(a.reflected));
+                off[6] += usize::from(!near(lit, light(b.emission), 0.02 * lit.max_element() + 1e-3));
+                off[7] +=
+                    usize::from(!near(reflected, light(b.reflected), 0.1 * reflected.max_element() + 1e-2));
+            }
+            let pixels = view.pixels();
+            println!(
+                "{pixels} pixels; differing in depth, normal, mapped, sun, edge, base, emission, reflection: {off:?}"
+            );
+            assert!(off.iter().all(|&count| count * 50 <= pixels), "{off:?} of {pixels}");
+            let shared = single.visibility.iter().filter(|record| record.normal >> 27 & 15 != 0).count();
+            assert!(shared > 50 && off[0] * 200 <= pixels, "{shared} edges");
+        }
+    });
 }
 
 /// Samples on a normal map, multiplied by what their light's directions give their own normal, have the radiance of

@@ -1,0 +1,77 @@
+// What a pixel sees, a work-item a pixel: as ../visibility.cl has it for eight at a time.
+#if SINGLE_RAYS
+
+static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
+
+#if HAS_SUN
+// Whether the sun's centre is seen from a surface: see sun.h.
+static bool sees_sun(const Scene *scene, const Shading *shading, const Surface *s, uint *rays)
+{
+    float3 sun = load3(shading->sun_direction);
+    if (!(dot3(s->geometric, sun) > 0.0f))
+        return false;
+    float far = INFINITY;
+    uint other;
+    ++*rays;
+    return !trace_ray(scene, leave_surface(s), 0.0f, sun, &far, &other, ANY, PASS_BY_HALF);
+}
+#endif
+
+static VisibilityRecord describe_surface(const Scene *scene, const Camera *camera, const Shading *shading, uint x, uint y,
+                                         HitRecord hit, uint *rays)
+{
+    float3 d = camera_ray(camera, x, y), base;
+    Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
+                           hit.t * pixel_footprint(camera, (float2)(x, y) + 0.5f));
+    uint packed = scene->triangles[hit.triangle].packed, reflected = 0u;
+    float metallic;
+    recorded_colors(&s, &base, &metallic);
+#if HAS_GLOSSY
+    if (scene->materials[TRIANGLE_MATERIAL(packed)].glossy && scene->glossy) {
+        float3 f0 = mix((float3)(0.04f), recorded_base(s.base), s.metallic);
+        float3 light = expected_at(scene, shading, leave_surface(&s), s.normal, s.geometric, d, s.roughness, f0, s.occlusion,
+                                   camera->seed, rays);
+        reflected = max(pack_emission(light), 1u);
+    }
+#endif
+    bool lit = false;
+#if HAS_SUN
+    lit = sees_sun(scene, shading, &s, rays);
+#endif
+    float3 emission = s.emission;
+#if HAS_LAYERS || HAS_GLASS
+    if (lit && !s.unlit && describes_itself(&s)) {
+        emission += sunlight_on(&s, shading, -d);
+        lit = false;
+    }
+#endif
+    VisibilityRecord record = {
+        pack_normal24(s.smooth) | (lit ? SUN_VISIBLE : 0u),
+        view_depth(camera, d, hit.t),
+        code_of(sqrt(base.x), 65535.0f) | code_of(sqrt(base.y), 65535.0f) << 16,
+        code_of(sqrt(base.z), 4095.0f) | code_of(metallic, 255.0f) << 12 | code_of(s.roughness, 4095.0f) << 20,
+        max3(emission) > 0.0f ? pack_emission(emission) : 0u,
+        pack_normal24(s.normal) | (packed & TRIANGLE_MOVES ? SURFACE_MOVES : 0u),
+        reflected,
+    };
+    return record;
+}
+
+// Of the tiles first .. first + count. counters[0] sums the rays to the sun and to what pixels mirror.
+__kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
+                              uint count, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint x, y, right, bottom, rays = 0u;
+    if (!pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &x, &y, &right, &bottom))
+        return;
+    uint pixel = y * camera.width + x;
+    HitRecord hit = hits[pixel];
+    if (IS_HIT(hit.triangle))
+        records[pixel] = describe_surface(&scene, &camera, &shading, x, y, hit, &rays);
+    else
+        records[pixel] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
+    if (rays)
+        atomic_add(&counters[0], rays);
+}
+#endif
