@@ -1,16 +1,11 @@
-//! What the late correction is worth:
-//! `cargo bench --bench correction [-- --scene demo --size 960 --margin 0.02 --load 2]`.
+//! What the late correction is worth: `cargo bench --bench correction [-- --scene demo --size 960 --margin 0.02]`.
 //!
 //! A head turns at 30, 100 or 300 degrees a second about its neck. One eye's view, 90 degrees wide, is traced
 //! where the eye is, and shown one frame at 60 Hz later, when it has gone on. Both pictures that can be shown
 //! then, as traced and corrected, are compared with one that is traced where the eye is by then; the last
 //! column, a picture from there with other random numbers, says how much of that is noise. With a margin that
-//! much more is traced at each side, as `headset.margin` has it. With a load as many threads keep processors busy,
-//! and pictures are shown as late as frames take then: at the first beat of 60 Hz after their end. Prints a table in Markdown, and what the
+//! much more is traced at each side, as `headset.margin` has it. Prints a table in Markdown, and what the
 //! pass over the pixels takes with and without the correction.
-
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
 use foveate::config::{Config, Method};
 use foveate::frame::{Loaded, Output, Renderer, ViewRequest};
@@ -19,14 +14,13 @@ use foveate::gpu::vulkan::{Context, ContextOptions, Format, Image};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::metrics::metric::Viewing;
-use foveate::metrics::stats::median;
 use foveate::metrics::{Picture, compare};
 use foveate::reconstruct;
 use foveate::scene::{default_viewpoint, generate};
 use glam::{DQuat, DVec3};
 
-/// Seconds between two pictures of the display, which is how late a picture is at least.
-const PERIOD: f64 = 1.0 / 60.0;
+/// Seconds from tracing to showing.
+const LATENESS: f64 = 1.0 / 60.0;
 /// The eye in the head, from the joint that it turns about, in metres.
 const EYE: DVec3 = DVec3::new(0.032, 0.075, -0.0805);
 
@@ -35,7 +29,6 @@ fn main() {
     let value = |flag: &str| arguments.iter().position(|a| a == flag).and_then(|at| arguments.get(at + 1));
     let size: u32 = value("--size").map_or(960, |size| size.parse().expect("a number of pixels"));
     let margin: f64 = value("--margin").map_or(0.0, |margin| margin.parse().expect("a share"));
-    let load: usize = value("--load").map_or(0, |load| load.parse().expect("a number of threads"));
     let scene = value("--scene").map_or("demo", String::as_str);
 
     let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
@@ -52,74 +45,32 @@ fn main() {
         path => Loaded::from_file(path.as_ref(), &Config::default()),
     }
     .expect("the scene");
-    let over = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        for _ in 0..load {
-            scope.spawn(|| {
-                while !over.load(Ordering::Relaxed) {
-                    std::hint::spin_loop()
-                }
+    println!(
+        "| head, deg/s | turned by | method | as traced: PSNR dB | FLIP | corrected: PSNR dB | FLIP | noise: PSNR dB | FLIP | pixels ms | corrected |"
+    );
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    for method in [Method::Guided, Method::KNearest] {
+        let mut config = Config::default().without_reuse();
+        config.reconstruction.method = method;
+        let output = Output::Radiance;
+        let mut renderer = Renderer::new(&tracer, &context, &loaded, &config, output).expect("a renderer").0;
+        for speed in [30.0f64, 100.0, 300.0] {
+            let angle = (speed * LATENESS).to_radians();
+            let (from, to) = (view(&loaded, size, 0.0), view(&loaded, size, angle));
+            let mut shown = |seed: u32, view: View, pose: Option<Pose>| {
+                picture(&mut renderer, &context, (view, margin), seed, pose)
+            };
+            let (truth, _) = shown(1, to, None);
+            let others = [shown(2, from, None), shown(2, from, Some(to.world_from_eye)), shown(2, to, None)];
+            let [_, corrected, plain] = [0, 1, 2].map(|index| others[index].1);
+            let scores = others.map(|(picture, _)| {
+                let compared = compare(&picture, &truth, Viewing::default()).expect("finite pictures");
+                format!("{:.2} | {:.4}", compared.psnr, compared.flip)
             });
+            let line =
+                format!("| {speed} | {:.1} deg | {method:?} | {}", angle.to_degrees(), scores.join(" | "));
+            println!("{line} | {plain:.1} | {corrected:.1} |");
         }
-        println!(
-            "| head, deg/s | turned by | method | as traced: PSNR dB | FLIP | corrected: PSNR dB | FLIP | noise: PSNR dB | FLIP | pixels ms | corrected |"
-        );
-        println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
-        for method in [Method::Guided, Method::KNearest] {
-            let mut config = Config::default().without_reuse();
-            config.reconstruction.method = method;
-            let mut renderer =
-                Renderer::new(&tracer, &context, &loaded, &config, Output::Radiance).expect("a renderer").0;
-            let bench = Bench { loaded: &loaded, context: &context, size, margin };
-            let late = if load > 0 { bench.lateness(&mut renderer) } else { PERIOD };
-            for speed in [30.0f64, 100.0, 300.0] {
-                println!("| {speed} | {} |", bench.row(&mut renderer, method, (speed * late).to_radians()));
-            }
-        }
-        over.store(true, Ordering::Relaxed);
-    });
-}
-
-/// What is looked at.
-struct Bench<'b> {
-    loaded: &'b Loaded,
-    context: &'b Context,
-    size: u32,
-    margin: u32,
-}
-
-impl Bench<'_> {
-    /// Seconds from tracing to showing as frames are now: beats of the display.
-    fn lateness(&self, renderer: &mut Renderer) -> f64 {
-        let view = view(self.loaded, self.size, 0.0);
-        let mut took = |seed| {
-            let start = Instant::now();
-            picture(renderer, self.context, (view, self.margin), seed, None);
-            start.elapsed().as_secs_f64()
-        };
-        // The first finishes the building of kernels.
-        took(0);
-        let took = median(&[took(1), took(2), took(3)]).unwrap_or(PERIOD);
-        let late = (took / PERIOD).ceil() * PERIOD;
-        println!("| | {:.0} ms late | | | | | | | | | |", late * 1e3);
-        late
-    }
-
-    /// A head that turns by an angle meanwhile: the rest of its line.
-    fn row(&self, renderer: &mut Renderer, method: Method, angle: f64) -> String {
-        let (from, to) = (view(self.loaded, self.size, 0.0), view(self.loaded, self.size, angle));
-        let mut shown = |seed: u32, view: View, pose: Option<Pose>| {
-            picture(renderer, self.context, (view, self.margin), seed, pose)
-        };
-        let (truth, _) = shown(1, to, None);
-        let others = [shown(2, from, None), shown(2, from, Some(to.world_from_eye)), shown(2, to, None)];
-        let [_, corrected, plain] = [0, 1, 2].map(|index| others[index].1);
-        let scores = others.map(|(picture, _)| {
-            let compared = compare(&picture, &truth, Viewing::default()).expect("finite pictures");
-            format!("{:.2} | {:.4}", compared.psnr, compared.flip)
-        });
-        let scores = scores.join(" | ");
-        format!("{:.1} deg | {method:?} | {scores} | {plain:.1} | {corrected:.1}", angle.to_degrees())
     }
 }
 
@@ -130,7 +81,7 @@ fn view(loaded: &Loaded, size: u32, angle: f64) -> View {
     let turned = joint.then(Pose::new(DQuat::from_rotation_y(angle), DVec3::ZERO));
     let fov = FieldOfView { left: -1.0, right: 1.0, up: 1.0, down: -1.0 };
     let world_from_eye = turned.then(Pose { position: EYE, ..Pose::IDENTITY });
-    View { world_from_eye, fov, width: size, height: size, spacing: Default::default() }
+    View { world_from_eye, fov, width: size, height: size }
 }
 
 /// What is shown of a view with a margin, and what the passes that reconstruct it took in milliseconds.

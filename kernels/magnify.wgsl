@@ -2,6 +2,7 @@
 // their radiances. Around the gaze both are the same.
 //#include shared/records.wgsl
 //#include shared/display.wgsl
+//#include shared/warp.wgsl
 //#include shared/overlay.wgsl
 
 struct Parameters {
@@ -25,16 +26,6 @@ var<immediate> parameters: Parameters;
 // One VisibilityRecord for each pixel of the view.
 @group(0) @binding(1) var<storage, read> visibility: array<VisibilityRecord>;
 
-// As in reconstruct.wgsl.
-struct Warp {
-    rays: Rays,
-    offset: vec4<f32>,
-    x: vec4<f32>,
-    y: vec4<f32>,
-    ahead: vec4<f32>,
-    spacing: Spacing,
-    overlay: vec4<f32>,
-}
 @group(0) @binding(2) var<storage, read> warp: array<Warp, 1>;
 // Of each pixel of the view the nearest sample, and the samples' positions.
 @group(0) @binding(3) var<storage, read> indices: array<u32>;
