@@ -81,7 +81,7 @@ fn view(loaded: &Loaded, size: u32, angle: f64) -> View {
     let turned = joint.then(Pose::new(DQuat::from_rotation_y(angle), DVec3::ZERO));
     let fov = FieldOfView { left: -1.0, right: 1.0, up: 1.0, down: -1.0 };
     let world_from_eye = turned.then(Pose { position: EYE, ..Pose::IDENTITY });
-    View { world_from_eye, fov, width: size, height: size }
+    View { world_from_eye, fov, width: size, height: size, spacing: Default::default() }
 }
 
 /// What is shown of a view with a margin, and what the passes that reconstruct it took in milliseconds.
