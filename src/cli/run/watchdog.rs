@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::stats::Report;
 use super::terminal;
 use crate::cli::complain;
+use crate::cli::stop::end_now;
 use crate::error::Result;
 
 /// How long the session may take to end once the operator wants to leave.
@@ -147,6 +148,7 @@ impl Shared {
         if let Err(error) = &told {
             complain(&error.to_string());
         }
-        std::process::exit(i32::from(told.is_err()))
+        // Other threads are still inside of drivers, whose ends would crash beside them.
+        end_now(i32::from(told.is_err()))
     }
 }
