@@ -69,6 +69,9 @@ fn main() {
     });
 }
 
+/// Periods that count as one: clocks are read some microseconds apart.
+const NEAR: f64 = 1.005;
+
 /// Few samples, whose number is not moved for the display's period.
 const FEW: &str = "--samples 300 --rays 1";
 
@@ -134,7 +137,7 @@ fn row(case: &Case, frames: u32, scene: &std::path::Path) -> f64 {
     let lasting = case.rules.iter().any(|rule| rule.to >= 100_000 && rule.offset_ms != 0.0);
     let ages: Vec<f64> = counted.iter().map(|frame| age(frame, lasting)).collect();
     let sizes: Vec<f64> = ages.iter().map(|age| age.abs()).collect();
-    let within = sizes.iter().filter(|age| **age <= 1.0).count();
+    let within = sizes.iter().filter(|age| **age < NEAR).count();
     println!(
         "| {} | {:.1} | {took:.1} | {:.2} | {:.2} | {within} of {} | {} |",
         case.name,
@@ -158,7 +161,7 @@ fn age(frame: &Shown, lasting: bool) -> f64 {
 fn recovery(case: &Case, counted: &[Shown], ages: &[f64]) -> String {
     let Some(last) = case.rules.last() else { return "-".into() };
     let end = if last.to >= 100_000 { last.from } else { last.to.max(last.from) + 1 };
-    let off = counted.iter().zip(ages).filter(|(frame, age)| frame.number >= end && age.abs() > 1.0);
+    let off = counted.iter().zip(ages).filter(|(frame, age)| frame.number >= end && age.abs() >= NEAR);
     let after = off.map(|(frame, _)| frame.number - end + 1).max();
     after.unwrap_or(0).to_string()
 }

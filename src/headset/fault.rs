@@ -41,7 +41,27 @@ impl Fault {
     pub fn into_error(self) -> Error {
         match self {
             Fault::Fatal(error) => error,
-            lost => Error::NoDevice { kind: "OpenXR", problem: lost.sentence() },
+            lost => {
+                let told = lost.sentence();
+                let problem = if told.contains("; ") { told } else { format!("{told}; {NEXT}") };
+                Error::NoDevice { kind: "OpenXR", problem }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_ends_is_told_the_next_step() {
+        for (told, whole) in
+            [("it fails", format!("it fails; {NEXT}")), ("it fails; mend it", "it fails; mend it".into())]
+        {
+            for fault in [Fault::Session(told.into()), Fault::Instance(told.into())] {
+                assert!(fault.into_error().to_string().ends_with(&whole));
+            }
         }
     }
 }

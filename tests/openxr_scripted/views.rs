@@ -153,6 +153,81 @@ fn foveated_insets_are_shown_where_the_runtime_has_them() {
     check_pictures(&run, folder.path(), &views);
 }
 
+/// The insets' fields of view, in radians, in a frame's layer.
+fn insets(views: &[Value]) -> Vec<Vec<f64>> {
+    views[2..].iter().map(|view| numbers(&view["fov"])).collect()
+}
+
+#[test]
+fn insets_follow_the_eyes_as_long_as_the_runtime_sees_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let inset = |x: f32| View { size: [72, 64], fov: [-14.0, 16.0, 12.0, -11.0], ..View::eye(x) };
+    let wide = |x: f32| View::eye(x);
+    // Gaze is granted late, moves in each frame, and is withdrawn.
+    let looking = |frame: u64| {
+        let (yaw, pitch) = (6.0 * (frame as f32).sin(), 4.0 * (1.7 * frame as f32).cos());
+        Gaze { frame, yaw, pitch, lost: frame == 20 }
+    };
+    let dump = |frame: u64| Dump { frame, folder: folder.path().join(frame.to_string()) };
+    let session = Session { dumps: [4, 12, 13, 26].map(dump).to_vec(), ..Session::default() };
+    let script = Script {
+        inset_views: vec![wide(-0.0315), wide(0.0315), inset(-0.0315), inset(0.0315)],
+        following_insets: Some([56, 48]),
+        eye_tracker: true,
+        gaze: (8..=20).map(looking).collect(),
+        head: Head { learned_yaw: 0.5, ..Head::default() },
+        sessions: vec![session],
+        ..Script::default()
+    };
+    let without = Script { without: vec!["XR_EXT_eye_gaze_interaction".into()], ..script.clone() };
+    for script in [&script, &without] {
+        let Some(run) = run(script, 26, "") else { return };
+        let told = run.is_clean().told();
+        assert_eq!(
+            (&told["views"][1]["width"], &told["views"][2]["width"]),
+            (&96.into(), &56.into()),
+            "{told}"
+        );
+        let fixed = [-14.0f64, 16.0, 12.0, -11.0].map(f64::to_radians);
+        let mut moved = Vec::new();
+        for (frame, views) in run.layers() {
+            let number = frame.0["frame"].as_u64().unwrap();
+            let still =
+                insets(views).iter().all(|fov| fov.iter().zip(fixed).all(|(a, b)| (a - b).abs() < 1e-5));
+            // The frame after one may be waited for already as its poses are asked for.
+            assert!(still || (7..=20).contains(&number), "{number}: {views:?}");
+            assert!(!still || !(9..=18).contains(&number), "{number}: {views:?}");
+            moved.push(insets(views));
+        }
+        let places = moved.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(places > 9, "the insets are at {places} places only");
+        // What is seen in each view is what its field of view says.
+        for frame in [4, 12, 13, 26] {
+            let ended = &run.frames()[frame - 1].0;
+            for (index, view) in ended["layers"][0]["views"].as_array().unwrap().iter().enumerate() {
+                let size = numbers(&view["rect"]);
+                let picture = folder.path().join(format!("{frame}/view{index}.raw"));
+                let (x, y, count) = red_square(&picture, size[2] as usize);
+                let (right_x, right_y) = expected(view, size[2], size[3]);
+                assert!(
+                    count > 10.0 && (x - right_x).abs() < 1.0 && (y - right_y).abs() < 1.0,
+                    "frame {frame}, view {index}: {x:.1}, {y:.1}, not {right_x:.1}, {right_y:.1}"
+                );
+            }
+        }
+        // Where the eyes look is where the wide views are sharp, too: in the end, straight ahead again.
+        assert!(told["views"].as_array().unwrap().len() == 4);
+    }
+    // Who does not want to be followed is not, and neither are those whose headset does not see their eyes.
+    let blind = Script { eye_tracker: false, ..script.clone() };
+    for (script, flags) in [(&script, "--set headset.eye_tracking=false"), (&blind, "")] {
+        let run = super::run(script, 14, flags).unwrap();
+        assert_eq!(run.is_clean().told()["views"][2]["width"], 72);
+        let places = run.layers().iter().map(|(_, views)| insets(views)).collect::<Vec<_>>();
+        assert!(places.windows(2).all(|pair| pair[0] == pair[1]), "{places:?}");
+    }
+}
+
 #[test]
 fn poses_in_layers_are_those_that_the_runtime_gave() {
     let head = Head { yaw_rate: 60.0, velocity: [0.3, 0.0, -0.2], ..Head::default() };

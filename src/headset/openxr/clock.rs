@@ -7,8 +7,8 @@ const SHORTEST_PERIOD: i64 = 1_000_000;
 /// The period as long as none was told that is believed: 90 Hz.
 const USUAL_PERIOD: i64 = 11_111_111;
 /// Display times that come more than this much earlier or later than expected are those of a clock that was
-/// set, and are believed at once.
-const CLOCK_SET: i64 = 10_000_000_000;
+/// set, and are believed at once, unless it is the clock that the runtime lends: that one is never set.
+const CLOCK_SET: i64 = 15_000_000_000;
 /// How many periods a display time may come earlier or later than expected.
 const LEEWAY_PERIODS: i64 = 8;
 /// The same in nanoseconds, where periods are long.
@@ -92,7 +92,7 @@ impl FrameClock {
         if self.within(off as i64) {
             return self.believed.is_none_or(|last| time > last);
         }
-        if off > CLOCK_SET as u64 || plausible {
+        if (off > CLOCK_SET as u64 && !self.lent) || plausible {
             return !stands;
         }
         self.is_again(time, lead)

@@ -11,6 +11,7 @@ mod convert;
 mod extras;
 mod fault;
 mod floor;
+mod foveated;
 mod gaze;
 mod lifecycle;
 mod runtime;

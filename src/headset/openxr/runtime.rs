@@ -4,7 +4,7 @@
 use openxr as xr;
 
 use super::fault::{Called, Fault, Outcome};
-use super::{absent, vulkan, waiter};
+use super::{absent, foveated, vulkan, waiter};
 use crate::error::Error;
 use crate::gpu::vulkan::Context;
 
@@ -20,6 +20,8 @@ pub struct Runtime {
     pub(super) blend: xr::EnvironmentBlendMode,
     /// Whether layers may tell depths.
     pub(super) takes_depth: bool,
+    /// Whether there are insets that can follow the eyes.
+    pub(super) follows: bool,
     name: String,
 }
 
@@ -64,7 +66,8 @@ impl Runtime {
         let opaque = xr::EnvironmentBlendMode::OPAQUE;
         let blend = blend.iter().find(|mode| **mode == opaque).or(blend.first()).copied().unwrap_or(opaque);
         let takes_depth = extensions.khr_composition_layer_depth;
-        Ok(Runtime { instance, system, views, sizes, blend, takes_depth, name })
+        let follows = views == QUAD && foveated::supported(&instance, system);
+        Ok(Runtime { instance, system, views, sizes, blend, takes_depth, follows, name })
     }
 
     /// Makes the Vulkan device that the runtime presents from.
@@ -101,6 +104,8 @@ fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
     wanted.ext_performance_settings = offered.ext_performance_settings;
     wanted.fb_display_refresh_rate = offered.fb_display_refresh_rate;
     wanted.varjo_quad_views = offered.varjo_quad_views;
+    // An extension of the one before.
+    wanted.varjo_foveated_rendering = offered.varjo_foveated_rendering && offered.varjo_quad_views;
     wanted.ext_local_floor = offered.ext_local_floor;
     // Controllers that were no part of OpenXR 1.0.
     wanted.bd_controller_interaction = offered.bd_controller_interaction;

@@ -9,6 +9,7 @@ use super::actions::Actions;
 use super::clock::{FrameClock, Told};
 use super::fault::{Called, Fault, Notes, Outcome};
 use super::floor::Floor;
+use super::foveated::Followed;
 use super::gaze::{self, EyeTracker};
 use super::lifecycle::{self, Duty, Lifecycle};
 use super::runtime::Runtime;
@@ -51,6 +52,8 @@ pub struct Session {
     sizes: Sizes,
     actions: Option<Actions>,
     eyes: Option<EyeTracker>,
+    /// What the insets follow.
+    followed: Option<Followed>,
     space: xr::Space,
     floor: Floor,
     waiter: Waiter,
@@ -113,12 +116,19 @@ impl Session {
         }
         extras::request(&session, options.refresh_hz);
         let hidden = extras::hidden(&session, runtime.views, runtime.sizes.len());
-        let sizes = sizes(&runtime.sizes, options.size, context.image_size_limit(), &mut notes);
+        let follows = options.gaze && runtime.follows;
+        let followed = follows.then(|| Followed::new(&session, &mut notes)).flatten();
+        let wished = Sizes::new(runtime, followed.is_some(), options.size, context);
+        // Those that were told before there was a session, where nothing else is.
+        let views = followed.as_ref().and_then(|_| wished.views(&runtime.instance).ok());
+        let views = views.as_ref().unwrap_or(&runtime.sizes);
+        let sizes = sizes(views, options.size, context.image_size_limit(), &mut notes);
         let candidates = formats(&session, options.depth && runtime.takes_depth)?;
         let (formats, images) = images(&session, context, &candidates, &sizes, &mut notes)?;
         Ok(Session {
             images,
-            sizes: Sizes::new(runtime.system, runtime.views, options.size, context),
+            sizes: wished,
+            followed,
             actions,
             eyes,
             space,
@@ -336,7 +346,13 @@ impl Headset for Session {
 
     fn locate(&mut self, time: i64) -> Outcome<Option<Vec<EyeView>>> {
         let time = xr::Time::from_nanos(time);
-        let found = self.session.locate_views(self.views, time, &self.space).called("xrLocateViews");
+        let found = match &self.followed {
+            None => self.session.locate_views(self.views, time, &self.space),
+            Some(followed) => {
+                followed.locate(&self.session, self.views, (&self.space, time), self.images.len())
+            }
+        };
+        let found = found.called("xrLocateViews");
         let found = self.notes.or_without(found, "the views stay where they were")?;
         self.strikes = if found.is_some() { 0 } else { self.strikes + 1 };
         if self.strikes > MOST_STRIKES {
@@ -367,6 +383,8 @@ impl Headset for Session {
     fn input(&mut self, time: i64) -> Outcome<Input> {
         let floor = self.floor.moved(&self.space, xr::Time::from_nanos(time));
         let (hands, gaze) = self.actions(xr::Time::from_nanos(time))?;
+        let followed = self.followed.as_ref();
+        let gaze = gaze.or(followed.map(|eyes| eyes.look(&self.space, xr::Time::from_nanos(time))));
         Ok(Input { hands, gaze, floor, ..Input::default() })
     }
 

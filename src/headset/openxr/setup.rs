@@ -5,6 +5,8 @@ use std::time::Instant;
 use openxr as xr;
 
 use super::fault::{Fault, Notes, Outcome};
+use super::foveated;
+use super::runtime::Runtime;
 use super::swapchain::{Formats, ViewImages};
 use crate::gpu::vulkan::Context;
 
@@ -60,20 +62,25 @@ const AGAIN: u32 = 45;
 pub struct Sizes {
     system: xr::SystemId,
     views: xr::ViewConfigurationType,
+    follows: bool,
     wanted: [Option<u32>; 2],
     context: Context,
     frames: u32,
 }
 
 impl Sizes {
-    /// Of a system's views; those of `wanted` stay.
-    pub fn new(
-        system: xr::SystemId,
-        views: xr::ViewConfigurationType,
-        wanted: [Option<u32>; 2],
-        context: &Context,
-    ) -> Self {
-        Sizes { system, views, wanted, context: context.clone(), frames: 0 }
+    /// Of a runtime's views, whose insets follow the eyes or not; those of `wanted` stay.
+    pub fn new(runtime: &Runtime, follows: bool, wanted: [Option<u32>; 2], context: &Context) -> Self {
+        let (system, views) = (runtime.system, runtime.views);
+        Sizes { system, views, follows, wanted, context: context.clone(), frames: 0 }
+    }
+
+    /// The views with the sizes that are recommended now.
+    pub fn views(&self, instance: &xr::Instance) -> xr::Result<Vec<xr::ViewConfigurationView>> {
+        if self.follows {
+            return foveated::views(instance, self.system, self.views);
+        }
+        instance.enumerate_view_configuration_views(self.system, self.views)
     }
 
     /// New images in place of old ones where other sizes are recommended by now; looks now and then.
@@ -88,9 +95,8 @@ impl Sizes {
         if self.frames != 0 || self.wanted.iter().all(Option::is_some) {
             return Ok(None);
         }
-        let asked = session.instance().enumerate_view_configuration_views(self.system, self.views);
         // What is refused is asked for again.
-        let Ok(views) = asked else { return Ok(None) };
+        let Ok(views) = self.views(session.instance()) else { return Ok(None) };
         let sizes = sizes(&views, self.wanted, self.context.image_size_limit(), notes);
         if sizes.len() != old.len() || sizes.iter().zip(old).all(|(size, old)| *size == old.size()) {
             return Ok(None);

@@ -51,12 +51,12 @@ typed! {
     ActionCreateInfo ActionSetCreateInfo ActionSpaceCreateInfo ActionStateBoolean ActionStateFloat
     ActionStateGetInfo ActionStatePose ActionStateVector2f ActionsSyncInfo BoundSourcesForActionEnumerateInfo
     CompositionLayerDepthInfoKHR CompositionLayerProjection CompositionLayerProjectionView EventDataBuffer
-    ExtensionProperties EyeGazeSampleTimeEXT FrameBeginInfo FrameEndInfo FrameState FrameWaitInfo GraphicsBindingVulkanKHR
+    ExtensionProperties EyeGazeSampleTimeEXT FoveatedViewConfigurationViewVARJO FrameBeginInfo FrameEndInfo FrameState FrameWaitInfo GraphicsBindingVulkanKHR
     GraphicsRequirementsVulkanKHR HapticActionInfo InputSourceLocalizedNameGetInfo InstanceCreateInfo
     InstanceProperties InteractionProfileState InteractionProfileSuggestedBinding ReferenceSpaceCreateInfo
     SessionActionSetsAttachInfo SessionBeginInfo SessionCreateInfo SpaceLocation SpaceVelocity
     SwapchainCreateInfo SwapchainImageAcquireInfo SwapchainImageReleaseInfo SwapchainImageVulkanKHR SwapchainImageWaitInfo SystemEyeGazeInteractionPropertiesEXT
-    SystemGetInfo SystemProperties View ViewConfigurationProperties ViewConfigurationView ViewLocateInfo
+    SystemFoveatedRenderingPropertiesVARJO SystemGetInfo SystemProperties View ViewConfigurationProperties ViewConfigurationView ViewLocateFoveatedRenderingVARJO ViewLocateInfo
     ViewState VisibilityMaskKHR VulkanDeviceCreateInfoKHR VulkanGraphicsDeviceGetInfoKHR
     VulkanInstanceCreateInfoKHR
 }
@@ -114,6 +114,12 @@ impl In<'_, libc::timespec> {
 
 fn mistyped<T: Typed>(ty: xr::StructureType) -> Refusal {
     wrong(xr::Result::ERROR_VALIDATION_FAILURE, format!("{ty:?} stands where {:?} must", T::TYPE))
+}
+
+/// The first structure of a type in a chain of an answer that is being written.
+pub(crate) fn chained_out<T: Typed + Copy>(next: *mut std::ffi::c_void) -> Option<T> {
+    // SAFETY: `next` is the chain of a structure that the application passed in, as `fill_typed` hands it on.
+    unsafe { find(next.cast(), T::TYPE).map(|found| found.cast::<T>().read()) }
 }
 
 /// The first structure of a type in a chain.

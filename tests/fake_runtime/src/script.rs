@@ -23,6 +23,8 @@ pub struct Script {
     pub views: Vec<View>,
     /// The four views of the configuration with foveated insets; not offered if empty.
     pub inset_views: Vec<View>,
+    /// The size that is recommended for the insets where they follow the eyes; they cannot without.
+    pub following_insets: Option<[u32; 2]>,
     /// Swapchain formats (VkFormat) in the order of preference.
     pub formats: Vec<i64>,
     /// Time between two frames, milliseconds.
@@ -54,6 +56,7 @@ impl Default for Script {
             eye_tracker: false,
             views: vec![View::eye(-0.0315), View::eye(0.0315)],
             inset_views: Vec::new(),
+            following_insets: None,
             // RGBA16 UNORM and SFLOAT, RGBA8 and BGRA8 SRGB, the same UNORM, depth; Monado's order.
             formats: vec![91, 97, 43, 50, 37, 44, 126, 124],
             period_ms: 10.0,

@@ -85,6 +85,18 @@ pub(crate) fn gaze(keys: &[Gaze], frame: u64) -> Option<Pose> {
     (!key.lost).then_some(Pose { turn, place: Vec3::ZERO })
 }
 
+/// Degrees to the left and up of where the eyes look at a frame; nothing where they are lost.
+pub(crate) fn gaze_angles(keys: &[Gaze], frame: u64) -> Option<[f32; 2]> {
+    let key = keys.iter().rev().find(|key| key.frame <= frame)?;
+    (!key.lost).then_some([key.yaw, key.pitch])
+}
+
+/// Moves what a view sees to where the eyes look, degrees to the left and up.
+pub(crate) fn follow(view: &mut View, [left, up]: [f32; 2]) {
+    let [l, r, u, d] = view.fov;
+    view.fov = [l - left, r - left, u + up, d + up];
+}
+
 /// The hidden parts of a view, as triangles on the plane one metre before it.
 pub(crate) fn hidden(view: &View, share: f32) -> (Vec<xr::Vector2f>, Vec<u32>) {
     if share <= 0.0 {

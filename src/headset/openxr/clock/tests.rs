@@ -57,7 +57,7 @@ fn wrong_times_are_replaced_and_forgotten() {
     for mut world in worlds() {
         world.steadily(1);
         let last = world.start;
-        let wrongs: [&dyn Fn(i64) -> i64; 9] = [
+        let wrongs: [&dyn Fn(i64) -> i64; 11] = [
             &|_| last,
             &|_| last - PERIOD,
             &|_| -5,
@@ -66,26 +66,32 @@ fn wrong_times_are_replaced_and_forgotten() {
             &|_| last - 7,
             &|time| time + 2_000_000_000,
             &|time| time - 300_000_000,
+            &|time| time + 10_500_000_000,
+            &|time| time - 10_500_000_000,
             &|_| 0,
         ];
         for (index, wrong) in wrongs.into_iter().enumerate() {
             assert_eq!(world.frame(wrong), 0, "{index}");
         }
-        assert_eq!((world.clock.doubted, world.clock.dropped), (9, 0));
+        assert_eq!((world.clock.doubted, world.clock.dropped), (11, 0));
         world.steadily(5);
-        assert_eq!((world.clock.doubted, world.clock.dropped), (9, 0));
+        assert_eq!((world.clock.doubted, world.clock.dropped), (11, 0));
     }
 }
 
 #[test]
 fn a_clock_that_was_set_is_followed_at_once() {
-    for mut world in worlds() {
+    let jumps = [1_000_000_000_000, 0, 20_000_000_000i64, 0, -30_000_000_000, 0];
+    let [mut lent, mut other] = worlds();
+    for world in [&mut lent, &mut other] {
         world.steadily(2);
-        for jump in [1_000_000_000_000, 0, 20_000_000_000i64, 0, -30_000_000_000, 0] {
-            assert_eq!(world.frame(|time| time + jump), jump);
-        }
-        assert_eq!(world.clock.dropped, 0);
     }
+    for jump in jumps {
+        assert_eq!(other.frame(|time| time + jump), jump);
+        // Nobody sets the clock that the runtime lends: its times are wrong ones.
+        assert_eq!(lent.frame(|time| time + jump), 0);
+    }
+    assert_eq!((lent.clock.dropped, other.clock.dropped), (0, 0));
 }
 
 #[test]
@@ -140,7 +146,7 @@ enum Spell {
 fn spell() -> impl Strategy<Value = (usize, Spell)> {
     let either_way =
         |range| (range, any::<bool>()).prop_map(|(ns, ahead): (i64, bool)| if ahead { ns } else { -ns });
-    let off = either_way(300_000_000..9_900_000_000i64).prop_map(Spell::Off);
+    let off = either_way(300_000_000..14_900_000_000i64).prop_map(Spell::Off);
     let none = prop_oneof![Just(0), Just(-1), Just(i64::MIN)].prop_map(Spell::None);
     let stall = (1..3_000i64).prop_map(Spell::Stall);
     let period = prop_oneof![Just(11_111_111), Just(16_666_667), Just(8_333_333)].prop_map(Spell::Period);

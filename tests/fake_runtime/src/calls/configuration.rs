@@ -2,7 +2,7 @@
 
 use openxr_sys::{self as xr};
 
-use crate::abi::Out;
+use crate::abi::{self, Out};
 use crate::refusal::{Outcome, invalid};
 use crate::runtime::{On, enter};
 
@@ -57,16 +57,22 @@ pub(crate) fn enumerate_views(
 ) -> xr::Result {
     enter("xrEnumerateViewConfigurationViews", On::Instance(instance), |runtime, _| {
         runtime.check_system(system)?;
-        let all = runtime.views(configuration)?;
-        views.fill_typed(capacity, count, all, |next, view| xr::ViewConfigurationView {
-            ty: xr::ViewConfigurationView::TYPE,
-            next,
-            recommended_image_rect_width: view.size[0],
-            max_image_rect_width: 4096,
-            recommended_image_rect_height: view.size[1],
-            max_image_rect_height: 4096,
-            recommended_swapchain_sample_count: 1,
-            max_swapchain_sample_count: 1,
+        let all = runtime.views(configuration)?.into_iter().enumerate().collect();
+        let following = runtime.script.following_insets;
+        views.fill_typed(capacity, count, all, |next, (index, view)| {
+            let asks = abi::chained_out::<xr::FoveatedViewConfigurationViewVARJO>(next);
+            let follows = asks.is_some_and(|asks| asks.foveated_rendering_active == xr::TRUE) && index >= 2;
+            let size = following.filter(|_| follows).unwrap_or(view.size);
+            xr::ViewConfigurationView {
+                ty: xr::ViewConfigurationView::TYPE,
+                next,
+                recommended_image_rect_width: size[0],
+                max_image_rect_width: 4096,
+                recommended_image_rect_height: size[1],
+                max_image_rect_height: 4096,
+                recommended_swapchain_sample_count: 1,
+                max_swapchain_sample_count: 1,
+            }
         })?;
         DONE
     })

@@ -14,7 +14,7 @@ use crate::runtime::{On, Runtime, SYSTEM, enter};
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
 
 /// What can be listed, with the extension's version.
-const EXTENSIONS: [(&str, u32); 9] = [
+const EXTENSIONS: [(&str, u32); 10] = [
     ("XR_KHR_vulkan_enable2", 2),
     ("XR_KHR_composition_layer_depth", 6),
     ("XR_KHR_visibility_mask", 2),
@@ -24,13 +24,19 @@ const EXTENSIONS: [(&str, u32); 9] = [
     ("XR_EXT_local_floor", 1),
     ("XR_FB_display_refresh_rate", 1),
     ("XR_VARJO_quad_views", 1),
+    ("XR_VARJO_foveated_rendering", 3),
 ];
 
 impl Runtime {
     fn listed(&self) -> Vec<(&'static str, u32)> {
         let insets = !self.script.inset_views.is_empty();
         let listed = |name: &str| {
-            !self.script.without.iter().any(|w| w == name) && (name != "XR_VARJO_quad_views" || insets)
+            let there = match name {
+                "XR_VARJO_quad_views" => insets,
+                "XR_VARJO_foveated_rendering" => insets && self.script.following_insets.is_some(),
+                _ => true,
+            };
+            there && !self.script.without.iter().any(|w| w == name)
         };
         EXTENSIONS.into_iter().filter(|&(name, _)| listed(name)).collect()
     }
@@ -141,6 +147,14 @@ pub(crate) fn system_properties(
                 ty: xr::SystemEyeGazeInteractionPropertiesEXT::TYPE,
                 next,
                 supports_eye_gaze_interaction: runtime.script.eye_tracker.into(),
+            })?;
+        }
+        if let Some(follows) = properties.chained::<xr::SystemFoveatedRenderingPropertiesVARJO>()? {
+            runtime.needs("XR_VARJO_foveated_rendering")?;
+            follows.write(|next| xr::SystemFoveatedRenderingPropertiesVARJO {
+                ty: xr::SystemFoveatedRenderingPropertiesVARJO::TYPE,
+                next,
+                supports_foveated_rendering: runtime.script.eye_tracker.into(),
             })?;
         }
         properties.write(|next| xr::SystemProperties {

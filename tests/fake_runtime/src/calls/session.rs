@@ -188,6 +188,9 @@ impl Runtime {
         if self.is_1_1() || self.has("XR_EXT_local_floor") {
             spaces.push(Type::LOCAL_FLOOR);
         }
+        if self.has("XR_VARJO_foveated_rendering") {
+            spaces.push(Type::COMBINED_EYE_VARJO);
+        }
         spaces
     }
 

@@ -3,7 +3,7 @@
 use openxr_sys::{self as xr, Handle};
 
 use super::frame::rules;
-use crate::abi::{In, Out};
+use crate::abi::{self, In, Out};
 use crate::check::{check_pose, check_time};
 use crate::objects::{Object, Space};
 use crate::refusal::{Outcome, Refusal, invalid, wrong};
@@ -130,7 +130,16 @@ pub(crate) fn locate_views(
         note.set("time", info.display_time.as_nanos());
         note.set("space", runtime.space_name(info.space)?);
         let time = check_time(info.display_time)?;
-        let all = runtime.views(info.view_configuration_type)?;
+        let mut all = runtime.views(info.view_configuration_type)?;
+        let asks = abi::chained::<xr::ViewLocateFoveatedRenderingVARJO>(info.next, info);
+        if let Some(asks) = asks {
+            runtime.needs("XR_VARJO_foveated_rendering")?;
+            let active = asks.foveated_rendering_active == xr::TRUE;
+            note.set("following", active);
+            let frame = runtime.session(handle)?.latest.number;
+            let gaze = world::gaze_angles(&runtime.script.gaze, frame).filter(|_| active);
+            all.iter_mut().skip(2).for_each(|view| world::follow(view, gaze.unwrap_or_default()));
+        }
         let base = runtime.in_local(handle, info.space.into_raw(), time)?.unwrap_or(Pose::IDENTITY);
         let head = runtime.head(handle, time)?;
         // The two-call idiom asks for the number of views first.
@@ -141,6 +150,8 @@ pub(crate) fn locate_views(
         if capacity > 0 {
             let poses: Vec<[f32; 7]> = located.iter().map(|(pose, _)| pose.list()).collect();
             note.set("poses", poses);
+            let angles = |fov: &xr::Fovf| [fov.angle_left, fov.angle_right, fov.angle_up, fov.angle_down];
+            note.set("fovs", located.iter().map(|(_, fov)| angles(fov)).collect::<Vec<_>>());
         }
         use xr::ViewStateFlags as Flags;
         let session = runtime.session(handle)?;
@@ -200,6 +211,11 @@ impl Runtime {
             Space::Reference(kind, pose) => Some(match kind {
                 xr::ReferenceSpaceType::VIEW => head.then(pose),
                 xr::ReferenceSpaceType::LOCAL => pose,
+                xr::ReferenceSpaceType::COMBINED_EYE_VARJO => {
+                    let frame = self.session(session)?.latest.number;
+                    let Some(gaze) = world::gaze(&self.script.gaze, frame) else { return Ok(None) };
+                    head.then(gaze).then(pose)
+                }
                 _ => origin.inverse().then(Pose::floor(self.script.eye_height)).then(pose),
             }),
             Space::Action { action, hand, pose } => {
