@@ -13,7 +13,11 @@ cargo test --no-fail-fast "$@" -- --show-output 2>&1 | tee "$log" || status=$?
 
 echo
 grep -o 'not run: .*' "$log" | sort | uniq -c | sed 's/^ *\([0-9]*\) /\1 x /' || true
-sed -n 's/^test \(.*\) \.\.\. FAILED.*/failed: \1/p' "$log"
+sed -n 's/^test \(.*\) \.\.\. FAILED.*/failed: \1/p' "$log" | while read -r failed name; do
+  echo "$failed $name"
+  # Why: the first lines of its panic, which may be far above.
+  grep -F -A 4 "thread '$name' " "$log" | head -n 5 | cut -c 1-300 | sed 's/^/    /' || true
+done
 awk -v status="$status" '
   /^test result:/ { passed += $4; failed += $6; ignored += $8; results++ }
   END {
