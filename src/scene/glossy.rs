@@ -17,6 +17,7 @@ pub const LEVELS: [(f32, u32); 7] =
 fn directions(roughness: f32) -> u32 {
     match roughness {
         r if r < 0.15 => 64,
+        r if r < 0.25 => 128,
         r if r < 0.4 => 256,
         _ => 1024,
     }
@@ -39,7 +40,7 @@ pub fn prefiltered(map: &Environment) -> Vec<[f32; 4]> {
     texels
 }
 
-/// Directions around +Z, each with its weight and its share of the sphere's solid angle.
+/// Directions around +Z, each with its weight and the level of the map that is as coarse as they are sparse there.
 fn lobe(roughness: f32) -> Vec<(Vec3, f32, f32)> {
     let (square, count) = (roughness.powi(4), directions(roughness));
     let direction = |i: u32| {
@@ -51,7 +52,7 @@ fn lobe(roughness: f32) -> Vec<(Vec3, f32, f32)> {
         let h = Vec3::new(sin * phi.cos(), sin * phi.sin(), cos);
         let density = square / (PI * (1.0 + (square - 1.0) * cos * cos).powi(2)) / 4.0;
         let l = h * (2.0 * h.z) - Vec3::Z;
-        (l, l.z, 1.0 / (count as f32 * density))
+        (l, l.z, Pyramid::level(1.0 / (count as f32 * density)))
     };
     (0..count).map(direction).filter(|&(_, weight, _)| weight > 0.0).collect()
 }
@@ -60,8 +61,8 @@ fn average(pyramid: &Pyramid, axis: Vec3, lobe: &[(Vec3, f32, f32)]) -> Vec3 {
     let (x, y) = axis.any_orthonormal_pair();
     let mut sum = Vec3::ZERO;
     let mut weights = 0.0;
-    for &(l, weight, solid_angle) in lobe {
-        sum += pyramid.read(x * l.x + y * l.y + axis * l.z, solid_angle) * weight;
+    for &(l, weight, level) in lobe {
+        sum += pyramid.read(x * l.x + y * l.y + axis * l.z, level) * weight;
         weights += weight;
     }
     sum / weights
@@ -69,49 +70,70 @@ fn average(pyramid: &Pyramid, axis: Vec3, lobe: &[(Vec3, f32, f32)]) -> Vec3 {
 
 /// The map, and half as many texels each way at each further level.
 struct Pyramid {
-    levels: Vec<(usize, usize, Vec<Vec3>)>,
+    levels: Vec<Level>,
+    /// For each row of the map: the level, and its share, whose texels there are as large as one steradian.
+    steradian: Vec<f32>,
+}
+
+struct Level {
+    width: usize,
+    height: usize,
+    texels: Vec<Vec3>,
 }
 
 impl Pyramid {
     fn new(map: &Environment) -> Pyramid {
-        let mut levels = vec![(map.width as usize, map.height as usize, map.texels.clone())];
-        while let Some((width, height, texels)) = levels.last()
-            && width * height > 1
+        let (width, height) = (map.width as usize, map.height as usize);
+        let mut levels = vec![Level { width, height, texels: map.texels.clone() }];
+        while let Some(last) = levels.last()
+            && last.width * last.height > 1
         {
-            levels.push(halved(*width, *height, texels));
+            levels.push(halved(last));
         }
-        Pyramid { levels }
-    }
-
-    /// The radiance from a direction, averaged over about so many steradians.
-    fn read(&self, direction: Vec3, solid_angle: f32) -> Vec3 {
-        let (width, height, _) = self.levels[0];
-        let sine = (1.0 - direction.y * direction.y).max(0.0).sqrt().max(PI / height as f32 * 0.5);
-        let texel = TAU / width as f32 * (PI / height as f32) * sine;
-        // One level finer than directions are sparse leaves gaps; one coarser does not.
-        let level = (0.5 * (solid_angle / texel).log2() + 1.0).clamp(0.0, (self.levels.len() - 1) as f32);
-        let fine = level as usize;
-        let coarse = (fine + 1).min(self.levels.len() - 1);
-        let uv = uv_from_direction(direction);
-        self.bilinear(fine, uv).lerp(self.bilinear(coarse, uv), level - fine as f32)
-    }
-
-    fn bilinear(&self, level: usize, uv: Vec2) -> Vec3 {
-        let (width, height, texels) = &self.levels[level];
-        let at = uv * Vec2::new(*width as f32, *height as f32) - 0.5;
-        let base = at.floor();
-        let share = at - base;
-        let texel = |x: f32, y: f32| {
-            let row = (y.max(0.0) as usize).min(height - 1);
-            texels[row * width + (x as i64).rem_euclid(*width as i64) as usize]
+        let texel = TAU / width as f32 * (PI / height as f32);
+        let steradian = |row: usize| {
+            let sine = ((row as f32 + 0.5) / height as f32 * PI).sin();
+            -0.5 * (texel * sine).log2()
         };
-        let row = |y: f32| texel(base.x, y).lerp(texel(base.x + 1.0, y), share.x);
-        row(base.y).lerp(row(base.y + 1.0), share.y)
+        Pyramid { levels, steradian: (0..height).map(steradian).collect() }
+    }
+
+    /// The level whose texels are as large as so many steradians, beside that of one steradian. One level finer than
+    /// directions are sparse leaves gaps; one coarser does not.
+    fn level(solid_angle: f32) -> f32 {
+        0.5 * solid_angle.log2() + 1.0
+    }
+
+    /// The radiance from a direction, averaged over texels of a level that [`Pyramid::level`] tells.
+    fn read(&self, direction: Vec3, level: f32) -> Vec3 {
+        let uv = uv_from_direction(direction);
+        let row = ((uv.y * self.levels[0].height as f32) as usize).min(self.levels[0].height - 1);
+        let level = (level + self.steradian[row]).clamp(0.0, (self.levels.len() - 1) as f32);
+        self.levels[(level + 0.5) as usize].bilinear(uv)
+    }
+}
+
+impl Level {
+    /// Between the four nearest texels; around the poles' axis they repeat. Tens of millions are asked for: neither a
+    /// division nor a call.
+    fn bilinear(&self, uv: Vec2) -> Vec3 {
+        // From the texel before the first one, so that nothing is negative.
+        let (x, y) = (uv.x * self.width as f32 + 0.5, uv.y * self.height as f32 + 0.5);
+        let (right, below) = (x as usize, y as usize);
+        let (across, down) = (x - right as f32, y - below as f32);
+        let left = if right == 0 { self.width - 1 } else { right - 1 };
+        let right = if right >= self.width { right - self.width } else { right };
+        let row = |row: usize| {
+            let row = &self.texels[row * self.width..][..self.width];
+            row[left.min(self.width - 1)].lerp(row[right.min(self.width - 1)], across)
+        };
+        row(below.saturating_sub(1).min(self.height - 1)).lerp(row(below.min(self.height - 1)), down)
     }
 }
 
 /// Two by two texels to one, by their solid angles; an odd one out is left to itself.
-fn halved(width: usize, height: usize, texels: &[Vec3]) -> (usize, usize, Vec<Vec3>) {
+fn halved(of: &Level) -> Level {
+    let Level { width, height, ref texels } = *of;
     let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
     let weight = |row: usize| ((row as f32 + 0.5) / height as f32 * PI).sin();
     let texel = |at: usize| {
@@ -126,7 +148,8 @@ fn halved(width: usize, height: usize, texels: &[Vec3]) -> (usize, usize, Vec<Ve
         }
         sum / weights
     };
-    (half_width, half_height, (0..half_width * half_height).map(texel).collect())
+    let texels = (0..half_width * half_height).map(texel).collect();
+    Level { width: half_width, height: half_height, texels }
 }
 
 #[cfg(test)]

@@ -120,7 +120,8 @@ impl<'a> FrameLoop<'a> {
     }
 
     /// Makes pictures that nobody sees, from where the eyes are at time 0 and straight ahead: drivers finish building
-    /// kernels at their first launch, and what the last of them costs is learnt. At least one.
+    /// kernels at their first launch, and what the last of them costs is learnt. At least one, and so many at most: one is
+    /// enough where nothing was left to be built.
     ///
     /// # Errors
     /// As [`FrameLoop::step`].
@@ -139,6 +140,10 @@ impl<'a> FrameLoop<'a> {
             report = link.draw.draw(&picture, &mut |_| None)?;
             link.draw.take_notes().iter().for_each(|note| link.observer.note(note));
             self.learn(&report, link.observer);
+            // Rays take most of a frame, unless a driver builds while they wait.
+            if 2.0 * (report.stages.trace + report.stages.shade) > report.frame_ms {
+                break;
+            }
         }
         Ok(report)
     }
