@@ -9,6 +9,8 @@ mod fault;
 mod frame;
 mod hidden;
 pub mod locomotion;
+#[cfg(feature = "openxr")]
+pub mod message;
 pub mod mock;
 pub mod mouse_look;
 #[cfg(feature = "openxr")]
@@ -75,11 +77,12 @@ pub trait Headset {
     /// As [`Headset::next_frame`].
     fn end(&mut self, frame: &Frame, shown: Option<&[EyeView]>) -> Outcome<()>;
 
-    /// Ends a frame for which there is no new picture, though one is wanted: the last one stays.
+    /// Ends a frame for which there is no new picture, though one is wanted: the last one stays, and the wearer is
+    /// told why, where there is a way. Without a reason it is the headset's own.
     ///
     /// # Errors
     /// As [`Headset::next_frame`].
-    fn hold(&mut self, frame: &Frame) -> Outcome<()> {
+    fn hold(&mut self, frame: &Frame, _why: Option<&str>) -> Outcome<()> {
         self.end(frame, None)
     }
 

@@ -8,6 +8,9 @@ use crate::waiting;
 /// How long a picture is held.
 const LONGEST: Duration = Duration::from_secs(60);
 
+/// What is told then.
+pub const TOLD: &str = "no device is left to trace with; the last picture is held until one comes back";
+
 /// Since when no device has traced.
 #[derive(Debug, Default)]
 pub struct Absence(Option<Instant>);
@@ -29,7 +32,7 @@ impl Absence {
             waiting::give_up();
             return Err(error);
         }
-        Ok(new.then_some("no device is left to trace with; the last picture is held until one comes back"))
+        Ok(new.then_some(TOLD))
     }
 
     /// A frame was made: what to tell, if there was none before.

@@ -7,7 +7,7 @@ use glam::DVec2;
 use super::draw::{Draw, Picture};
 use super::gaze::Looks;
 use super::rig::{Rig, between};
-use super::{Absence, Asking, FoveaPoint, Observer, Pace, Shown, Traced};
+use super::{Absence, Asking, FoveaPoint, Observer, Pace, Shown, Traced, absence};
 use crate::config::{Config, HeadsetConfig, Stereo};
 use crate::error::{Error, Result};
 use crate::frame::FrameReport;
@@ -49,6 +49,8 @@ pub struct FrameLoop<'a> {
     warm: bool,
     /// Where the headset holds its last picture while no device is left.
     absence: Option<Absence>,
+    /// What the wearer is told before the next picture, which may take its time.
+    announced: Option<String>,
 }
 
 /// A picture that is ready to be handed over.
@@ -83,6 +85,7 @@ impl<'a> FrameLoop<'a> {
             frames: 0,
             warm: false,
             absence: None,
+            announced: None,
         }
     }
 
@@ -90,6 +93,13 @@ impl<'a> FrameLoop<'a> {
     /// as long.
     pub fn hold_pictures(&mut self) {
         self.absence = Some(Absence::default());
+    }
+
+    /// Before the first frame of another session: the wearer is told something until its first picture comes. A new
+    /// renderer is a cold one: its first picture says nothing of what pictures cost.
+    pub fn announce(&mut self, sentence: String, cold: bool) {
+        self.announced = Some(sentence);
+        self.warm &= !cold;
     }
 
     /// Pictures shown so far.
@@ -157,8 +167,11 @@ impl<'a> FrameLoop<'a> {
     /// Renders and ends one frame.
     fn frame(&mut self, link: &mut Link, frame: &Frame, keys: &Keys) -> Outcome<()> {
         let Some((eyes, time)) = self.eyes(link.headset, frame, Asking::Begin)? else {
-            return self.skip(link, frame);
+            return self.skip(link, frame, None);
         };
+        if let Some(sentence) = self.announced.take() {
+            return self.skip(link, frame, Some(&sentence));
+        }
         let input = link.headset.input(time)?;
         if let Some(floor) = input.floor {
             self.rig.stand(-floor);
@@ -166,7 +179,7 @@ impl<'a> FrameLoop<'a> {
         link.draw.toggle(input.toggles);
         self.rig.walk(&input.hands, keys, &eyes, time, self.scene);
         let held = self.hold(link, frame)?;
-        let Some(canvases) = link.headset.acquire()? else { return self.skip(link, frame) };
+        let Some(canvases) = link.headset.acquire()? else { return self.skip(link, frame, None) };
         let begun = *self.begun.get_or_insert(time);
         link.draw.show_at(time.saturating_sub(begun) as f64 * 1e-9);
         // As late as it can be: all that is left to do before tracing is to choose samples.
@@ -192,13 +205,13 @@ impl<'a> FrameLoop<'a> {
         let told = absence.bear(error, Instant::now())?;
         link.draw.take_notes().iter().for_each(|note| link.observer.note(note));
         told.iter().for_each(|note| link.observer.note(note));
-        self.skip(link, frame)
+        self.skip(link, frame, Some(absence::TOLD))
     }
 
-    /// Ends a frame that shows nothing new.
-    fn skip(&mut self, link: &mut Link, frame: &Frame) -> Outcome<()> {
+    /// Ends a frame that shows nothing new, and tells the wearer why.
+    fn skip(&mut self, link: &mut Link, frame: &Frame, why: Option<&str>) -> Outcome<()> {
         self.pace.skip();
-        if frame.should_render { link.headset.hold(frame) } else { link.headset.end(frame, None) }
+        if frame.should_render { link.headset.hold(frame, why) } else { link.headset.end(frame, None) }
     }
 
     /// What is traced for eyes at a time, and where each view is sharp.

@@ -7,8 +7,8 @@ use super::extras::first_eye;
 use super::{REST, Run, run, sessions};
 
 /// A head that stands aside of its space's origin, and what happens at a frame.
-fn at_frame_eight(event: EventKind) -> Script {
-    let session = Session { events: vec![Event { frame: 8, event }], ..Session::default() };
+fn at_frame_twelve(event: EventKind) -> Script {
+    let session = Session { events: vec![Event { frame: 12, event }], ..Session::default() };
     Script { head: Head { position: [0.8, 0.2, 0.5], ..Head::default() }, ..sessions(vec![session]) }
 }
 
@@ -20,7 +20,7 @@ fn aside(run: &Run) -> [f64; 3] {
 
 #[test]
 fn recentring_by_the_runtime_brings_the_wearer_back_to_the_start() {
-    let script = at_frame_eight(EventKind::Recentred);
+    let script = at_frame_twelve(EventKind::Recentred);
     let Some(before) = run(&script, 6, "") else { return };
     let [x, _, z] = aside(&before);
     assert!((x - 0.8).abs() < 1e-3 && (z - 0.5).abs() < 1e-3, "{x} {z}");
@@ -38,7 +38,7 @@ fn recentring_by_the_runtime_brings_the_wearer_back_to_the_start() {
 
 #[test]
 fn other_sizes_that_are_recommended_are_taken_while_the_session_runs() {
-    let script = at_frame_eight(EventKind::ViewSize { view: 1, size: [72, 120] });
+    let script = at_frame_twelve(EventKind::ViewSize { view: 1, size: [72, 120] });
     let sizes = |run: &Run| {
         let told = run.is_clean().told();
         [0, 1].map(|view| [told["views"][view]["width"].clone(), told["views"][view]["height"].clone()])

@@ -5,13 +5,13 @@ use fake_runtime::script::{Fault, Session, Step, When};
 
 use super::{Run, run, sessions};
 
-/// One picture, and then the session is about to be lost.
+/// What comes before the first picture, one picture, and then the session is about to be lost.
 fn short() -> Session {
     let step = |at, go: &[_]| Step { at, go: go.to_vec() };
     let steps = vec![
         step(When::Created, &[Idle, Ready]),
         step(When::Frame(1), &[Synchronized, Visible]),
-        step(When::Frame(2), &[LossPending]),
+        step(When::Frame(3), &[LossPending]),
     ];
     Session { steps, ..Session::default() }
 }

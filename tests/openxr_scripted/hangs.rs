@@ -85,6 +85,11 @@ fn a_session_that_is_lost_while_xr_wait_frame_hangs_is_followed_by_another() {
     assert_eq!((&told["frames"], &told["losses"]), (&12.into(), &1.into()), "{}", run.said);
 }
 
+/// A run that is interrupted once it has ended so many frames.
+pub fn interrupted_after(script: &Script, frames: usize) -> Option<Run> {
+    meddled(script, frames, |child| interrupt(child))
+}
+
 #[test]
 fn nothing_is_shown_for_a_reason_that_is_told() {
     let step = |at, go: &[_]| Step { at, go: go.to_vec() };

@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod board;
 mod budget;
 mod changes;
 mod codes;

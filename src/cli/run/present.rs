@@ -28,6 +28,9 @@ const RETRY: Duration = Duration::from_millis(500);
 /// Losses without a picture in between after which it is not worth another try.
 const MOST_LOSSES: u32 = 5;
 
+/// What the wearer is told until the first picture comes.
+const FIRST: &str = "the first picture is being made: drivers finish their kernels, which may take a while";
+
 /// A scene to be shown in a headset.
 pub struct Presentation<'a> {
     /// Settings.
@@ -218,6 +221,7 @@ impl Presentation<'_> {
         renderer.set_comeback(Absence::COMEBACK);
         let mut stage = Stage { runtime, machine, renderer };
         let mut in_vain = 0;
+        run.frame_loop.announce(FIRST.to_string(), true);
         loop {
             let before = run.teller.frames();
             let lost = match self.in_session(&mut stage, run) {
@@ -231,7 +235,9 @@ impl Presentation<'_> {
             if in_vain >= MOST_LOSSES {
                 return Err(Fault::Instance(lost));
             }
-            run.teller.lose(&format!("{lost}; opening a new session"));
+            let told = format!("{lost}; opening a new session");
+            run.teller.lose(&told);
+            run.frame_loop.announce(told, false);
             self.await_settled(run);
         }
     }

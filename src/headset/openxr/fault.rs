@@ -3,6 +3,7 @@
 //! | what | remedy |
 //! | --- | --- |
 //! | views that cannot be located, hands and eyes that cannot be asked, a format that is refused | goes on without, and tries again |
+//! | a board with messages that is refused, by xrCreateSwapchain or xrEndFrame | goes on without it |
 //! | a session that is lost, and any other code while it runs | a new session |
 //! | a runtime that is lost or fails, a headset that is away | a new instance, as soon as there is one |
 //! | a remedy that has not helped for several times in a row | the next one; after the last the program ends with the reason |

@@ -1,11 +1,14 @@
 //! A session: states, frames, views, images.
 
+mod layers;
+
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use openxr as xr;
 
 use super::actions::Actions;
+use super::board::Notices;
 use super::clock::{FrameClock, Told};
 use super::fault::{Called, Fault, Notes, Outcome};
 use super::floor::Floor;
@@ -49,6 +52,7 @@ pub struct Options {
 pub struct Session {
     // In the order in which they end.
     images: Vec<ViewImages>,
+    notices: Notices,
     sizes: Sizes,
     actions: Option<Actions>,
     eyes: Option<EyeTracker>,
@@ -77,6 +81,8 @@ pub struct Session {
     located: Vec<EyeView>,
     /// The views of the last picture that was handed over.
     shown: Vec<EyeView>,
+    /// When that was.
+    newest: Option<Instant>,
     /// The compositor keeps the images of this frame.
     starved: bool,
     /// Frames in a row whose views could not be located.
@@ -127,6 +133,7 @@ impl Session {
         let (formats, images) = images(&session, context, &candidates, &sizes, &mut notes)?;
         Ok(Session {
             images,
+            notices: Notices::new(context),
             sizes: wished,
             followed,
             actions,
@@ -150,6 +157,7 @@ impl Session {
             display_time: xr::Time::from_nanos(0),
             located: Vec::new(),
             shown: Vec::new(),
+            newest: None,
             starved: false,
             strikes: 0,
             blind: 0,
@@ -406,13 +414,13 @@ impl Headset for Session {
         if let Some(shown) = shown {
             self.images.iter_mut().try_for_each(ViewImages::release)?;
             self.shown = shown.to_vec();
+            self.newest = Some(Instant::now());
         }
-        self.submit(shown)
+        self.submit(shown, false)
     }
 
-    fn hold(&mut self, _: &Frame) -> Outcome<()> {
-        let shown = (!self.shown.is_empty()).then(|| self.shown.clone());
-        self.submit(shown.as_deref())
+    fn hold(&mut self, _: &Frame, why: Option<&str>) -> Outcome<()> {
+        self.submit_last(why)
     }
 
     fn hidden(&self) -> (&[HiddenMesh], u64) {
@@ -425,22 +433,5 @@ impl Headset for Session {
 
     fn surprises(&self) -> bool {
         true
-    }
-}
-
-impl Session {
-    /// Ends the frame with the images that were released last, as views saw them.
-    fn submit(&mut self, shown: Option<&[EyeView]>) -> Outcome<()> {
-        let depths: Vec<_> = self.images.iter().map(ViewImages::depth_info).collect();
-        let images = self.images.iter().zip(&depths);
-        let views: Vec<_> = shown
-            .unwrap_or_default()
-            .iter()
-            .zip(images)
-            .map(|(eye, (images, depth))| images.layer_view(eye, depth.as_ref()))
-            .collect();
-        let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
-        let layers: &[&xr::CompositionLayerBase<xr::Vulkan>] = if shown.is_some() { &[&layer] } else { &[] };
-        self.stream.end(self.display_time, self.blend, layers).called("xrEndFrame")
     }
 }

@@ -3,6 +3,7 @@
 
 use std::collections::HashMap;
 use std::marker::PhantomData;
+use std::time::Duration;
 
 use ash::vk::{self, Handle};
 use openxr::{self as xr, sys};
@@ -12,6 +13,7 @@ use super::fault::{Called, Fault, Outcome};
 use crate::error::Error;
 use crate::gpu::vulkan::{Context, Target};
 use crate::headset::EyeView;
+use crate::math::pose::Pose;
 use crate::reconstruct::NEAREST_DEPTH;
 
 /// Formats to draw into, best first. Runtimes read all of them as linear light: SRGB formats decode by
@@ -69,8 +71,8 @@ struct Chain {
     instance: xr::Instance,
 }
 
-/// How long an image is waited for in one frame, in nanoseconds.
-const PATIENCE: i64 = 500_000_000;
+/// How long an image for a view is waited for in one frame.
+const PATIENCE: Duration = Duration::from_millis(500);
 
 impl Chain {
     fn new(
@@ -98,13 +100,13 @@ impl Chain {
 
     /// The next image to draw into, once the compositor has read it; `None` where that takes too long: then
     /// it is waited for again the next time.
-    fn acquire(&mut self) -> Outcome<Option<(usize, vk::Image)>> {
+    fn acquire(&mut self, patience: Duration) -> Outcome<Option<(usize, vk::Image)>> {
         let (index, ready) = match self.acquired {
             Some(acquired) => acquired,
             None => (self.chain.acquire_image().called("xrAcquireSwapchainImage")? as usize, false),
         };
         self.acquired = Some((index, ready));
-        if !ready && !self.wait()? {
+        if !ready && !self.wait(patience)? {
             return Ok(None);
         }
         self.acquired = Some((index, true));
@@ -113,12 +115,12 @@ impl Chain {
         Ok(Some((index, image)))
     }
 
-    /// Whether the image that was acquired has become ready in a reasonable time.
-    fn wait(&self) -> Outcome<bool> {
+    /// Whether the image that was acquired becomes ready in that time.
+    fn wait(&self, patience: Duration) -> Outcome<bool> {
         let info = sys::SwapchainImageWaitInfo {
             ty: sys::SwapchainImageWaitInfo::TYPE,
             next: std::ptr::null(),
-            timeout: xr::Duration::from_nanos(PATIENCE),
+            timeout: xr::Duration::from_nanos(patience.as_nanos() as i64),
         };
         // SAFETY: the swapchain is alive and only used here; the info outlives the call.
         let code = unsafe { (self.instance.fp().wait_swapchain_image)(self.chain.as_raw(), &info) };
@@ -186,9 +188,17 @@ impl ViewImages {
     /// # Errors
     /// Where the runtime refuses: then the session is built anew.
     pub fn acquire(&mut self) -> Outcome<Option<Target>> {
-        let Some((index, image)) = self.color.acquire()? else { return Ok(None) };
+        self.acquire_within(PATIENCE)
+    }
+
+    /// The same with another time that may be waited.
+    ///
+    /// # Errors
+    /// As [`ViewImages::acquire`].
+    pub fn acquire_within(&mut self, patience: Duration) -> Outcome<Option<Target>> {
+        let Some((index, image)) = self.color.acquire(patience)? else { return Ok(None) };
         let depth = match &mut self.depth {
-            Some(depth) => match depth.acquire()? {
+            Some(depth) => match depth.acquire(patience)? {
                 Some(depth) => Some(depth),
                 None => return Ok(None),
             },
@@ -255,6 +265,28 @@ impl ViewImages {
         // SAFETY: the swapchain and what is chained live as long as the view's lifetime says; structures of
         // depths exist only where their extension is enabled.
         unsafe { xr::CompositionLayerProjectionView::from_raw(view) }
+    }
+
+    /// The images that were released last as a flat picture of `width` metres at a pose in a space.
+    pub fn layer_quad<'a>(
+        &'a self,
+        space: &'a xr::Space,
+        pose: Pose,
+        width: f32,
+    ) -> xr::CompositionLayerQuad<'a, xr::Vulkan> {
+        let (across, down) = self.size;
+        let quad = sys::CompositionLayerQuad {
+            ty: sys::CompositionLayerQuad::TYPE,
+            next: std::ptr::null(),
+            layer_flags: xr::CompositionLayerFlags::EMPTY,
+            space: space.as_raw(),
+            eye_visibility: xr::EyeVisibility::BOTH,
+            sub_image: self.color.sub_image(self.size),
+            pose: convert::posef(pose),
+            size: xr::Extent2Df { width, height: width * down as f32 / across as f32 },
+        };
+        // SAFETY: swapchain and space live as long as the layer's lifetime says.
+        unsafe { xr::CompositionLayerQuad::from_raw(quad) }
     }
 
     /// Pixels across and down.

@@ -31,6 +31,8 @@ struct Wearer {
     ended: Vec<(i64, Option<Vec<EyeView>>)>,
     /// Frames for which the last picture stayed.
     held: u32,
+    /// What was told meanwhile.
+    told: Vec<String>,
     status: String,
 }
 
@@ -95,8 +97,9 @@ impl Headset for Wearer {
         Ok(())
     }
 
-    fn hold(&mut self, frame: &Frame) -> Outcome<()> {
+    fn hold(&mut self, frame: &Frame, why: Option<&str>) -> Outcome<()> {
         self.held += 1;
+        self.told.extend(why.map(str::to_string));
         self.end(frame, None)
     }
 
@@ -247,6 +250,7 @@ fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut Wea
             gaze: None,
             input: Input::default(),
             held: 0,
+            told: Vec::new(),
             visible: true,
             surprises: true,
             located: Vec::new(),
@@ -466,4 +470,26 @@ fn pictures_are_held_while_no_device_is_left() {
     assert_eq!((shown, run.wearer.held), (vec![false, false, false, true, true], 3));
     assert_eq!((run.listener.shown.len(), run.listener.notes.len()), (2, 2), "{:?}", run.listener.notes);
     assert!(run.listener.notes[0].contains("is held") && run.listener.notes[1].contains("again"));
+    assert_eq!(run.wearer.told, vec![run.listener.notes[0].clone(); 3], "the wearer is told the same");
+}
+
+/// What is announced is told in one frame that shows nothing new, before the picture that it is about.
+#[test]
+fn what_is_announced_is_told_before_the_next_picture() {
+    let config = per_eye();
+    let mut run = frames(&config, PERIOD / 4, 0, |_| ());
+    let mut frame_loop = FrameLoop::new(&config, &SCENE, Rig::in_place(), None, None);
+    frame_loop.announce("a picture is coming".to_string(), true);
+    let mut step = |wearer: &mut Wearer| {
+        let mut link = Link { headset: wearer, draw: &mut run.notebook, observer: &mut run.listener };
+        assert!(frame_loop.step(&mut link, &Keys::default()).unwrap());
+    };
+    // Whoever sees nothing is not told.
+    run.wearer.visible = false;
+    step(&mut run.wearer);
+    run.wearer.visible = true;
+    (0..3).for_each(|_| step(&mut run.wearer));
+    assert_eq!(run.wearer.told, ["a picture is coming"]);
+    let shown: Vec<bool> = run.wearer.ended.iter().map(|(_, shown)| shown.is_some()).collect();
+    assert_eq!((shown, run.notebook.drawn.len()), (vec![false, false, true, true], 2));
 }

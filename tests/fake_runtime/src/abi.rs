@@ -50,7 +50,7 @@ macro_rules! typed {
 typed! {
     ActionCreateInfo ActionSetCreateInfo ActionSpaceCreateInfo ActionStateBoolean ActionStateFloat
     ActionStateGetInfo ActionStatePose ActionStateVector2f ActionsSyncInfo BoundSourcesForActionEnumerateInfo
-    CompositionLayerDepthInfoKHR CompositionLayerProjection CompositionLayerProjectionView EventDataBuffer
+    CompositionLayerDepthInfoKHR CompositionLayerProjection CompositionLayerProjectionView CompositionLayerQuad EventDataBuffer
     ExtensionProperties EyeGazeSampleTimeEXT FoveatedViewConfigurationViewVARJO FrameBeginInfo FrameEndInfo FrameState FrameWaitInfo GraphicsBindingVulkanKHR
     GraphicsRequirementsVulkanKHR HapticActionInfo InputSourceLocalizedNameGetInfo InstanceCreateInfo
     InstanceProperties InteractionProfileState InteractionProfileSuggestedBinding ReferenceSpaceCreateInfo

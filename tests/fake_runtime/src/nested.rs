@@ -38,20 +38,29 @@ pub(crate) fn active_sets(info: &xr::ActionsSyncInfo) -> &[xr::ActiveActionSet] 
     list(info, info.active_action_sets, info.count_active_action_sets)
 }
 
-/// The layers of a frame: projection layers, or the type of any other layer.
-pub(crate) fn layers(
-    info: &xr::FrameEndInfo,
-) -> Vec<Result<&xr::CompositionLayerProjection, xr::StructureType>> {
+/// A layer of a frame.
+pub(crate) enum Layer<'a> {
+    Projection(&'a xr::CompositionLayerProjection),
+    Quad(&'a xr::CompositionLayerQuad),
+    /// Of a type that is not known.
+    Other(xr::StructureType),
+}
+
+/// The layers of a frame.
+pub(crate) fn layers(info: &xr::FrameEndInfo) -> Vec<Layer<'_>> {
     let layers = list(info, info.layers, info.layer_count);
     let one = |&layer: &*const xr::CompositionLayerBaseHeader| {
         if layer.is_null() {
-            return Err(xr::StructureType::UNKNOWN);
+            return Layer::Other(xr::StructureType::UNKNOWN);
         }
         // SAFETY: not null, so it starts with a header, by OpenXR's contract.
-        let ty = unsafe { (*layer).ty };
-        // SAFETY: of the type that it says.
-        let cast = || unsafe { &*layer.cast::<xr::CompositionLayerProjection>() };
-        if ty == xr::CompositionLayerProjection::TYPE { Ok(cast()) } else { Err(ty) }
+        match unsafe { (*layer).ty } {
+            // SAFETY: of the type that it says.
+            xr::CompositionLayerProjection::TYPE => Layer::Projection(unsafe { &*layer.cast() }),
+            // SAFETY: of the type that it says.
+            xr::CompositionLayerQuad::TYPE => Layer::Quad(unsafe { &*layer.cast() }),
+            ty => Layer::Other(ty),
+        }
     };
     layers.iter().map(one).collect()
 }

@@ -311,7 +311,7 @@ pub struct Dump {
     /// The frame, counted by xrEndFrame from 1.
     pub frame: u64,
     /// The folder; `view0.raw` and so on hold the rows of each sub-image, in its format, and `depth0.raw` and
-    /// so on those of the depths that are told beside them.
+    /// so on those of the depths that are told beside them, `quad0.raw` and so on those of flat pictures.
     pub folder: PathBuf,
 }
 

@@ -6,24 +6,16 @@ use std::time::Duration;
 use openxr_sys::{self as xr, Handle};
 use serde_json::{Value, json};
 
-use crate::abi::{self, In, Out};
-use crate::check::{check_fov, check_pose};
+use super::layer::Shown;
+use crate::abi::{In, Out};
 use crate::log::Note;
-use crate::nested;
+use crate::nested::{self, Layer};
 use crate::order::Frame;
-use crate::refusal::{Outcome, Refusal, invalid, out_of_order, wrong};
+use crate::refusal::{Outcome, Refusal, out_of_order, wrong};
 use crate::runtime::{BEGUN, On, Runtime, enter, hang, lock, now};
 use crate::script::{FrameRule, When, within};
-use crate::vulkan::Part;
 
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
-
-/// What a layer shows of a swapchain: a view's picture or its depths.
-struct Shown {
-    name: String,
-    swapchain: u64,
-    part: Part,
-}
 
 /// An application that waits this long for itself has locked itself out.
 const DEADLOCK: Duration = Duration::from_secs(20);
@@ -100,12 +92,13 @@ pub(crate) fn end(session: xr::Session, info: In<xr::FrameEndInfo>) -> xr::Resul
         let mut layers = Vec::new();
         let mut parts = Vec::new();
         for layer in nested::layers(info) {
-            match layer {
-                Ok(layer) => layers.push(runtime.projection(handle, layer, &mut parts)?),
-                Err(ty) => {
+            layers.push(match layer {
+                Layer::Projection(layer) => runtime.projection(handle, layer, &mut parts)?,
+                Layer::Quad(layer) => runtime.quad(handle, layer, &mut parts)?,
+                Layer::Other(ty) => {
                     return Err(wrong(xr::Result::ERROR_LAYER_INVALID, format!("a layer of type {ty:?}")));
                 }
-            }
+            });
         }
         note.set("layers", layers);
         let session = runtime.session(handle)?;
@@ -163,115 +156,6 @@ impl Runtime {
         self.step(handle, When::Frame(number))?;
         self.tell_events(handle, number)?;
         Ok((frame, told_period))
-    }
-
-    /// Checks a projection layer and describes it for the log.
-    fn projection(
-        &mut self,
-        session: u64,
-        layer: &xr::CompositionLayerProjection,
-        parts: &mut Vec<Shown>,
-    ) -> Result<Value, Refusal> {
-        let space = self.space_name(layer.space)?;
-        let views = nested::layer_views(layer);
-        let configuration = self.running(session)?.configuration;
-        let expected = configuration.map_or(Ok(0), |c| self.views(c).map(|views| views.len()))?;
-        if views.len() != expected {
-            return Err(invalid(format!("{} views in a layer of {expected}", views.len())));
-        }
-        let mut described = Vec::new();
-        for (index, view) in views.iter().enumerate() {
-            if view.ty != xr::CompositionLayerProjectionView::TYPE {
-                return Err(invalid(format!("{:?} stands where a layer's view must", view.ty)));
-            }
-            let pose = check_pose(&view.pose)?;
-            let fov = check_fov(&view.fov)?;
-            let part = self.part(session, &view.sub_image)?;
-            let mut entry = json!({
-                "pose": pose.list(), "fov": fov, "swapchain": view.sub_image.swapchain.into_raw(),
-                "rect": [part.x, part.y, part.width as i32, part.height as i32], "array_index": part.layer,
-            });
-            let swapchain = view.sub_image.swapchain.into_raw();
-            parts.push(Shown { name: format!("view{index}"), swapchain, part });
-            if let Some(depth) = abi::chained::<xr::CompositionLayerDepthInfoKHR>(view.next, view) {
-                let (described, part) = self.depth(session, depth, part)?;
-                entry["depth"] = described;
-                let swapchain = depth.sub_image.swapchain.into_raw();
-                parts.push(Shown { name: format!("depth{index}"), swapchain, part });
-            }
-            described.push(entry);
-        }
-        Ok(json!({ "space": space, "flags": layer.layer_flags.into_raw(), "views": described }))
-    }
-
-    /// Checks a depth sub-image and describes it.
-    fn depth(
-        &mut self,
-        session: u64,
-        depth: &xr::CompositionLayerDepthInfoKHR,
-        colour: Part,
-    ) -> Result<(Value, Part), Refusal> {
-        self.needs("XR_KHR_composition_layer_depth")?;
-        let part = self.part(session, &depth.sub_image)?;
-        let range = depth.min_depth..=depth.max_depth;
-        let within = |depth: &f32| (0.0..=1.0).contains(depth);
-        if !within(range.start()) || !within(range.end()) || range.start() >= range.end() {
-            return Err(invalid(format!("depths from {:?} are not between 0 and 1", range)));
-        }
-        if depth.near_z == depth.far_z || !(depth.near_z >= 0.0 && depth.far_z >= 0.0) {
-            return Err(invalid(format!("depth between {} and {} metres", depth.near_z, depth.far_z)));
-        }
-        let usage = self.swapchain(depth.sub_image.swapchain.into_raw())?.shape.usage;
-        if !usage.contains(ash::vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT) {
-            return Err(invalid("depth in a swapchain of colours"));
-        }
-        let described = json!({
-            "swapchain": depth.sub_image.swapchain.into_raw(),
-            "rect": [part.x, part.y, part.width as i32, part.height as i32],
-            "same_size": (part.width, part.height) == (colour.width, colour.height),
-            // JSON knows no infinity.
-            "near_z": depth.near_z.min(f32::MAX), "far_z": depth.far_z.min(f32::MAX),
-            "min_depth": depth.min_depth, "max_depth": depth.max_depth,
-        });
-        Ok((described, part))
-    }
-
-    /// Checks a sub-image.
-    fn part(&mut self, session: u64, sub: &xr::SwapchainSubImage) -> Result<Part, Refusal> {
-        let handle = sub.swapchain.into_raw();
-        if self.session_of(handle) != Some(session) {
-            return Err(wrong(
-                xr::Result::ERROR_HANDLE_INVALID,
-                format!("Swapchain {handle} of a layer does not live"),
-            ));
-        }
-        let swapchain = self.swapchain(handle)?;
-        let (rect, shape) = (sub.image_rect, swapchain.shape);
-        if swapchain.order.released().is_none() {
-            return Err(wrong(
-                xr::Result::ERROR_LAYER_INVALID,
-                "a layer shows a swapchain of which no image was released",
-            ));
-        }
-        let fits = |from: i32, size: i32, all: u32| from >= 0 && size > 0 && from + size <= all as i32;
-        if !fits(rect.offset.x, rect.extent.width, shape.width)
-            || !fits(rect.offset.y, rect.extent.height, shape.height)
-        {
-            return Err(wrong(
-                xr::Result::ERROR_SWAPCHAIN_RECT_INVALID,
-                format!("{rect:?} is not inside {} by {}", shape.width, shape.height),
-            ));
-        }
-        if sub.image_array_index >= shape.layers {
-            return Err(invalid(format!("array layer {} of {}", sub.image_array_index, shape.layers)));
-        }
-        Ok(Part {
-            x: rect.offset.x,
-            y: rect.offset.y,
-            width: rect.extent.width as u32,
-            height: rect.extent.height as u32,
-            layer: sub.image_array_index,
-        })
     }
 
     /// Writes the sub-images of a frame into a folder.

@@ -8,6 +8,7 @@ pub(crate) mod extension;
 pub(crate) mod frame;
 pub(crate) mod graphics;
 pub(crate) mod instance;
+pub(crate) mod layer;
 pub(crate) mod session;
 pub(crate) mod space;
 pub(crate) mod swapchain;

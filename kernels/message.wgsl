@@ -1,0 +1,27 @@
+// A picture of words: ink where a bit is set, paper elsewhere. See src/headset/message.rs.
+
+struct Parameters {
+    // As the target takes them.
+    ink: vec4<f32>,
+    paper: vec4<f32>,
+    // Left and top of the picture in the target, and its pixels across.
+    corner: vec2<u32>,
+    stride: u32,
+}
+var<immediate> parameters: Parameters;
+
+// Rows from the top, in bytes with the left pixel in the highest bit.
+@group(0) @binding(0) var<storage, read> bits: array<u32>;
+
+@vertex
+fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
+    return vec4(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0, 0.0, 1.0);
+}
+
+@fragment
+fn write(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    let at = vec2<u32>(position.xy) - parameters.corner;
+    let place = at.y * parameters.stride + at.x;
+    let byte = bits[place / 32u] >> (place / 8u % 4u * 8u);
+    return select(parameters.paper, parameters.ink, (byte >> (7u - place % 8u) & 1u) == 1u);
+}
