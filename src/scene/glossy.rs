@@ -5,7 +5,7 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::environment::{Environment, direction_from_uv, uv_from_direction};
+use super::environment::{Environment, direction_from_uv};
 
 /// Perceptual roughness of each level, and texels across; it is half as high. Texels are about as wide as half the
 /// lobe. `kernels/shared/glossy.h` has the same numbers; below the first level the map itself counts more and more.
@@ -106,7 +106,7 @@ impl Pyramid {
 
     /// The radiance from a direction, averaged over texels of a level that [`Pyramid::level`] tells.
     fn read(&self, direction: Vec3, level: f32) -> Vec3 {
-        let uv = uv_from_direction(direction);
+        let uv = near_uv(direction);
         let row = ((uv.y * self.levels[0].height as f32) as usize).min(self.levels[0].height - 1);
         let level = (level + self.steradian[row]).clamp(0.0, (self.levels.len() - 1) as f32);
         self.levels[(level + 0.5) as usize].bilinear(uv)
@@ -129,6 +129,23 @@ impl Level {
         };
         row(below.saturating_sub(1).min(self.height - 1)).lerp(row(below.min(self.height - 1)), down)
     }
+}
+
+/// As [`super::environment::uv_from_direction`], a tenth of a row of 4096 across beside it at most, and far faster:
+/// by the polynomials 4.4.45 (acos) and 4.4.49 (atan) of Abramowitz and Stegun's handbook.
+fn near_uv(direction: Vec3) -> Vec2 {
+    let up = direction.y.abs().min(1.0);
+    let angle = (1.0 - up).sqrt() * (1.570_728_8 + up * (-0.212_114_4 + up * (0.074_261 - 0.018_729_3 * up)));
+    let v = if direction.y < 0.0 { PI - angle } else { angle } / PI;
+    let (x, z) = (direction.x.abs(), direction.z.abs());
+    let ratio = x.min(z) / x.max(z).max(f32::MIN_POSITIVE);
+    let square = ratio * ratio;
+    let octant = ratio
+        * (0.999_866
+            + square * (-0.330_299_5 + square * (0.180_141 + square * (-0.085_133 + 0.020_835_1 * square))));
+    let quadrant = if x > z { PI / 2.0 - octant } else { octant };
+    let half = if direction.z > 0.0 { PI - quadrant } else { quadrant };
+    Vec2::new(0.5 + half.copysign(direction.x) / TAU, v)
 }
 
 /// Two by two texels to one, by their solid angles; an odd one out is left to itself.
@@ -155,6 +172,7 @@ fn halved(of: &Level) -> Level {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::environment::uv_from_direction;
 
     fn map(width: u32, radiance: impl Fn(Vec3) -> Vec3) -> Environment {
         let height = width / 2;
@@ -177,6 +195,25 @@ mod tests {
         };
         let row = |y: f32| texel(base.x, y).lerp(texel(base.x + 1.0, y), share.x);
         row(base.y).lerp(row(base.y + 1.0), share.y)
+    }
+
+    #[test]
+    fn places_are_found_nearly() {
+        for i in 0..10_000u32 {
+            let (u, v) = ((i as f32 + 0.5) / 10_000.0, (i.reverse_bits() as f32 + 0.5) / 4_294_967_296.0);
+            let direction = direction_from_uv(Vec2::new(u, v));
+            let (found, right) = (near_uv(direction), uv_from_direction(direction));
+            let across = (found.x - right.x).abs();
+            assert!(across.min(1.0 - across) < 5e-6 && (found.y - right.y).abs() < 2.5e-5, "{direction}");
+        }
+        for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
+            for direction in [axis, -axis] {
+                let (found, right) = (near_uv(direction), uv_from_direction(direction));
+                let across = (found.x - right.x).abs();
+                let pole = direction.y != 0.0;
+                assert!((pole || across.min(1.0 - across) < 5e-6) && (found.y - right.y).abs() < 2.5e-5);
+            }
+        }
     }
 
     #[test]
