@@ -84,6 +84,15 @@ fn lanes_of_bits() -> String {
 /// Build options for a device: every feature and the variant, always defined, whether to prefetch, and the depth of
 /// the kernels' stacks.
 pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, traversal: Traversal) -> String {
+    options_with(features, tree_depth, traversal, prefetches(device))
+}
+
+/// The same for graphics cards, whose compilers need no card.
+pub fn options_of_gpus(features: &Features, tree_depth: u32) -> String {
+    options_with(features, tree_depth, Traversal::SingleRay, false)
+}
+
+fn options_with(features: &Features, tree_depth: u32, traversal: Traversal, prefetch: bool) -> String {
     let mut options = String::from("-cl-std=CL1.2");
     for (name, on) in features.defines() {
         options += &format!(" -D {name}={}", u32::from(on));
@@ -91,7 +100,7 @@ pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, traver
     // Seven siblings wait at every level, and eight are written where some count. Rounded up, so that scenes
     // share built kernels.
     let entries = (tree_depth * 7 + 9).next_multiple_of(64);
-    let [single, prefetch] = [traversal == Traversal::SingleRay, prefetches(device)].map(u32::from);
+    let [single, prefetch] = [traversal == Traversal::SingleRay, prefetch].map(u32::from);
     options + &format!(" -D SINGLE_RAYS={single} -D PREFETCH={prefetch} -D STACK_SIZE={entries}")
 }
 

@@ -1,0 +1,205 @@
+//! What kernels would take of graphics cards, by the compilers of their drivers: registers, stacks and spills of the
+//! variant for GPUs. No card is needed; `make gpu-static` brings the compilers and runs this.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use foveate::scene::Features;
+use foveate::trace::source;
+
+/// The depth of the demo scene's tree.
+const DEPTH: u32 = 8;
+const NVIDIA: [&str; 2] = ["sm_86", "sm_90"];
+const AMD: [&str; 2] = ["gfx1030", "gfx1100"];
+
+/// What a work-item of a kernel takes: registers (NVIDIA's, or AMD's vector registers), bytes of memory of its own, and
+/// bytes of registers that are put there for want of room.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Cost {
+    registers: u32,
+    stack: u32,
+    spills: u32,
+}
+
+impl Cost {
+    fn is_within(self, limit: Cost) -> bool {
+        self.registers <= limit.registers && self.stack <= limit.stack
+    }
+}
+
+/// At most so much on NVIDIA's and on AMD's cards, whatever the features.
+struct Limit {
+    kernel: &'static str,
+    nvidia: Cost,
+    amd: Cost,
+}
+
+const fn limit(kernel: &'static str, nvidia: [u32; 2], amd: [u32; 2]) -> Limit {
+    const fn cost([registers, stack]: [u32; 2]) -> Cost {
+        Cost { registers, stack, spills: 0 }
+    }
+    Limit { kernel, nvidia: cost(nvidia), amd: cost(amd) }
+}
+
+/// What is wanted of kernels that trace, and of others.
+const WANTED: [Limit; 2] = [limit("trace_", [64, 256], [128, 256]), limit("", [128, 1024], [128, 1024])];
+
+/// What they may take until then: what they take today. Whoever lowers it lowers this too.
+const ALLOWED: [Limit; 1] = [limit("", [255, 65536], [256, 65536])];
+
+fn features() -> [(&'static str, Features); 3] {
+    let demo = Features { textures: true, normal_maps: true, alpha: true, sun: true, ..Features::default() };
+    let demo = Features { emitters: true, glass: true, glossy: true, ..demo };
+    let all = Features { vertex_colors: true, layers: true, ..demo };
+    [("none", Features::default()), ("demo scene", demo), ("all", all)]
+}
+
+/// A tool or a folder that the environment names.
+fn named(variable: &str) -> PathBuf {
+    let path = std::env::var_os(variable);
+    PathBuf::from(path.unwrap_or_else(|| panic!("{variable} is not set; run this by `make gpu-static`")))
+}
+
+/// What a program said on standard error.
+fn said(command: &mut Command) -> String {
+    let output = command.output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{command:?}: {said}");
+    said
+}
+
+/// Clang for a target, with a file of kernels and the options that drivers get.
+fn clang(target: &str, text: &Path, options: &str) -> Command {
+    let mut command = Command::new(named("CLANG"));
+    command.args(["-target", target, "-x", "cl", "-O3", "-Xclang", "-finclude-default-header", "-S"]);
+    // "-D NAME=VALUE" is two arguments.
+    command.args(options.split_whitespace()).arg(text);
+    command
+}
+
+fn number(text: &str) -> u32 {
+    text.trim_matches(|c: char| !c.is_ascii_digit()).parse().unwrap()
+}
+
+/// Each kernel's cost as ptxas tells it.
+fn nvidia(text: &Path, options: &str, arch: &str) -> BTreeMap<String, Cost> {
+    let assembly = text.with_extension("ptx");
+    let mut command = clang("nvptx64-nvidia-nvcl", text, options);
+    for argument in ["-target-cpu", "sm_80", "-target-feature", "+ptx75", "-mlink-builtin-bitcode"] {
+        command.args(["-Xclang", argument]);
+    }
+    said(command.arg("-Xclang").arg(named("LIBCLC")).arg("-o").arg(&assembly));
+    let mut command = Command::new(named("PTXAS"));
+    command.args([&format!("-arch={arch}"), "-v", "-O3", "-o"]).arg(text.with_extension("cubin")).arg(&assembly);
+    of_ptxas(&said(&mut command))
+}
+
+fn of_ptxas(said: &str) -> BTreeMap<String, Cost> {
+    let (mut costs, mut kernel, mut cost) = (BTreeMap::new(), None, Cost::default());
+    for line in said.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if line.contains("Compiling entry function") {
+            kernel = line.split('\'').nth(1).map(str::to_string);
+        } else if line.contains("bytes stack frame") {
+            (cost.stack, cost.spills) = (number(words[0]), number(words[4]));
+        } else if let Some(used) = words.iter().position(|word| *word == "Used")
+            && let Some(kernel) = kernel.take()
+        {
+            cost.registers = number(words[used + 1]);
+            costs.insert(kernel, cost);
+        }
+    }
+    costs
+}
+
+/// Each kernel's cost as LLVM tells it in its assembly for AMD.
+fn amd(text: &Path, options: &str, cpu: &str) -> BTreeMap<String, Cost> {
+    let assembly = text.with_extension("s");
+    let mut command = clang("amdgcn-amd-amdhsa", text, options);
+    command.arg(format!("-mcpu={cpu}"));
+    command.arg(format!("--rocm-device-lib-path={}", named("ROCM").display()));
+    said(command.arg("-o").arg(&assembly));
+    of_llvm(&std::fs::read_to_string(&assembly).unwrap())
+}
+
+fn of_llvm(assembly: &str) -> BTreeMap<String, Cost> {
+    let (mut costs, mut kernel, mut cost) = (BTreeMap::new(), None, Cost::default());
+    for line in assembly.lines() {
+        let line = line.trim();
+        if let Some(name) = line.strip_prefix(".amdhsa_kernel ") {
+            kernel = Some(name.to_string());
+        } else if let Some(vgprs) = line.strip_prefix("; NumVgprs: ") {
+            cost.registers = number(vgprs);
+        } else if let Some(scratch) = line.strip_prefix("; ScratchSize: ") {
+            cost.stack = number(scratch);
+        } else if line.starts_with("; Occupancy: ")
+            && let Some(kernel) = kernel.take()
+        {
+            costs.insert(kernel, cost);
+        }
+    }
+    costs
+}
+
+/// What a kernel is held to: the first limit whose name it begins with.
+fn held(limits: &'static [Limit], kernel: &str) -> &'static Limit {
+    limits.iter().find(|limit| kernel.starts_with(limit.kernel)).unwrap()
+}
+
+/// Compiles the variant for GPUs for two generations of NVIDIA's and AMD's cards, prints what each kernel takes, with a
+/// star where more than is wanted, and fails where one takes more than it is allowed.
+#[test]
+#[ignore = "needs compilers for GPUs: make gpu-static"]
+fn kernels_take_no_more_of_gpus_than_they_are_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = folder.path().join("kernels.cl");
+    std::fs::write(&text, source::text()).unwrap();
+    println!("| kernel | features | {} | {} |", NVIDIA.join(" | "), AMD.join(" | "));
+    println!("| --- | --- | --- | --- | --- | --- |");
+    let mut over = Vec::new();
+    for (name, features) in features() {
+        let options = source::options_of_gpus(&features, DEPTH);
+        let mut rows: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        let mut take = |costs: BTreeMap<String, Cost>, card: &str, of: fn(&Limit) -> Cost| {
+            assert!(costs.contains_key("shade_samples"), "{card}: {costs:?}");
+            for (kernel, cost) in costs {
+                let star = if cost.is_within(of(held(&WANTED, &kernel))) { "" } else { " *" };
+                if !cost.is_within(of(held(&ALLOWED, &kernel))) {
+                    over.push(format!("{kernel} ({name}) on {card}: {cost:?}"));
+                }
+                let spills = if cost.spills > 0 { format!(", {} spilled", cost.spills) } else { String::new() };
+                let cell = format!("{}, {} B{spills}{star}", cost.registers, cost.stack);
+                rows.entry(kernel).or_default().push(cell);
+            }
+        };
+        for arch in NVIDIA {
+            take(nvidia(&text, &options, arch), arch, |limit| limit.nvidia);
+        }
+        for cpu in AMD {
+            take(amd(&text, &options, cpu), cpu, |limit| limit.amd);
+        }
+        for (kernel, cells) in rows {
+            println!("| {kernel} | {name} | {} |", cells.join(" | "));
+        }
+    }
+    assert!(over.is_empty(), "more than is allowed: {over:#?}");
+}
+
+#[test]
+fn what_compilers_tell_is_read() {
+    let said = "ptxas info    : 0 bytes gmem\n\
+        ptxas info    : Compiling entry function 'trace_pixels' for 'sm_90'\n\
+        ptxas info    : Function properties for trace_pixels\n    \
+        720 bytes stack frame, 12 bytes spill stores, 8 bytes spill loads\n\
+        ptxas info    : Used 71 registers, used 0 barriers, 720 bytes cumulative stack size\n";
+    let cost = Cost { registers: 71, stack: 720, spills: 12 };
+    assert_eq!(of_ptxas(said), BTreeMap::from([("trace_pixels".to_string(), cost)]));
+    let assembly = "\t.amdhsa_kernel trace_pixels\n; NumVgprs: 128\n; ScratchSize: 200\n; Occupancy: 8\n";
+    let cost = Cost { registers: 128, stack: 200, spills: 0 };
+    assert_eq!(of_llvm(assembly), BTreeMap::from([("trace_pixels".to_string(), cost)]));
+    let wanted = |kernel, cost: Cost| cost.is_within(held(&WANTED, kernel).nvidia);
+    assert!(wanted("shade_samples", Cost { registers: 128, stack: 1024, spills: 4 }));
+    assert!(!wanted("trace_pixels", Cost { registers: 65, stack: 0, spills: 0 }));
+    assert!(!wanted("trace_pixels", Cost { registers: 64, stack: 257, spills: 0 }));
+}
