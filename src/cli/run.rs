@@ -1,6 +1,9 @@
 //! `foveate run`: a scene in the headset of the active OpenXR runtime.
 
 mod keys;
+#[cfg(not(feature = "window"))]
+#[path = "run/mirrorless.rs"]
+mod mirror;
 mod present;
 mod stats;
 mod terminal;
@@ -19,6 +22,10 @@ use crate::headset::Fault;
 use crate::headset::openxr::Runtime;
 use crate::scene::Scene;
 
+#[cfg(feature = "window")]
+use crate::headset::panel::Mirror;
+#[cfg(not(feature = "window"))]
+use mirror::Mirror;
 use present::Presentation;
 use watchdog::Watchdog;
 
@@ -33,6 +40,9 @@ pub struct Args {
     /// Wait for a runtime or a headset that is not there yet, or fails again and again.
     #[arg(long)]
     wait: bool,
+    /// Open a window for spectators, which shows what the left eye sees.
+    #[arg(long)]
+    mirror: bool,
     /// Write a line of JSON for each picture: what it was made with, its times, how old its poses were.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
@@ -48,6 +58,7 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.speed.over(config)?;
     Scene::check(&args.scene)?;
     args.log.as_deref().map_or(Ok(()), FrameLog::check)?;
+    let mirror = args.mirror.then(Mirror::connect).transpose()?;
     let stop = stop_signal(last_words)?;
     // Whether there is a headset is known at once, and a scene may take long.
     let watch = Watchdog::start(stop.clone(), args.options.config.json);
@@ -77,7 +88,7 @@ pub fn run(args: &Args) -> Result<()> {
         waits: args.wait,
         stop,
     };
-    presentation.run(runtime, &watch)
+    presentation.run(runtime, &watch, mirror)
 }
 
 /// What is done before a second Ctrl-C ends the program.
@@ -122,5 +133,5 @@ fn in_headset(args: &super::demo::Args, config: &Config, notes: &[String], runti
         waits: false,
         stop,
     };
-    presentation.run(runtime, &watch)
+    presentation.run(runtime, &watch, None)
 }

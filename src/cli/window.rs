@@ -69,7 +69,7 @@ impl Show<'_> {
         }
         let stop = stop_signal(|| ())?;
         let tracker = self.headset.map(|_| Tracker::start(memory(&self.config.dk1), None)).transpose()?;
-        let panel = Panel::connect()?;
+        let panel = Panel::connect("render to files with `foveate demo`")?;
         let options = panel.vulkan_options()?;
         let (machine, loaded) = rayon::join(
             || Machine::open_with(&self.config.devices, options),

@@ -17,8 +17,13 @@ mod hangs;
 #[cfg(unix)]
 mod keyboard;
 mod losses;
+#[cfg(feature = "window")]
+mod mirror;
 mod moments;
 mod pictures;
+#[cfg(feature = "window")]
+#[path = "../window/screen.rs"]
+mod screen;
 mod states;
 mod times;
 mod views;

@@ -61,14 +61,21 @@ impl Drop for Screen {
     }
 }
 
-/// A picture of the screen.
+/// A picture of the screen. Not every test looks at it in every way.
+#[allow(dead_code)]
 pub struct Screenshot {
     pub width: usize,
     pub height: usize,
     pixels: Vec<[u8; 3]>,
 }
 
+#[allow(dead_code)]
 impl Screenshot {
+    /// Red, green and blue as they stand there.
+    pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
+        self.pixels[y * self.width + x]
+    }
+
     pub fn brightest(&self) -> u8 {
         self.pixels.iter().flatten().copied().max().unwrap_or(0)
     }

@@ -11,7 +11,7 @@ use glam::DVec2;
 use super::stats::ViewSummary;
 use super::terminal::Terminal;
 use super::watchdog::{SILENCE, Watchdog};
-use super::{keys, takes_insets};
+use super::{Mirror, keys, takes_insets};
 use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
 use crate::config::{Config, Hand, HeadsetConfig, Method};
@@ -87,6 +87,8 @@ struct Run<'a> {
     frame_loop: FrameLoop<'a>,
     /// The terminal's keys, where it has them for us.
     keyboard: Option<Terminal>,
+    /// What spectators look at.
+    mirror: Option<Mirror>,
     teller: Teller<'a>,
 }
 
@@ -156,11 +158,11 @@ impl Observer for Teller<'_> {
 
 impl Presentation<'_> {
     /// Presents until the operator, the runtime or the number of frames says that it is enough, and tells the
-    /// summary.
+    /// summary. The mirror, where there is one, shows spectators what the left eye sees.
     ///
     /// # Errors
     /// Where something fails that building anew would not mend.
-    pub fn run(&self, runtime: Runtime, watch: &Watchdog) -> Result<()> {
+    pub fn run(&self, runtime: Runtime, watch: &Watchdog, mirror: Option<Mirror>) -> Result<()> {
         let (config, scene) = (self.config, &self.loaded.scene);
         let rig = Rig::new(self.rest, scene, &config.headset);
         let log = self.log.map(FrameLog::create).transpose()?;
@@ -168,6 +170,7 @@ impl Presentation<'_> {
         let mut run = Run {
             frame_loop: FrameLoop::new(config, scene, rig, self.gaze, self.fov_y),
             keyboard: if config.headset.keyboard { Terminal::open() } else { None },
+            mirror,
             teller,
         };
         run.frame_loop.hold_pictures();
@@ -214,7 +217,8 @@ impl Presentation<'_> {
     /// Presents on one runtime, in as many sessions as it takes.
     fn on_runtime(&self, runtime: Runtime, run: &mut Run) -> Outcome<()> {
         run.teller.watch.asks();
-        let context = runtime.open_context()?;
+        let options = run.mirror.as_ref().map(|mirror| mirror.vulkan_options().clone());
+        let context = runtime.open_context(&options.unwrap_or_default())?;
         run.teller.watch.works();
         let machine = Machine::presenting(context, &self.config.devices)?;
         let (mut renderer, _) = machine.renderer(self.loaded, self.config, Output::Display)?;
@@ -260,12 +264,17 @@ impl Presentation<'_> {
         let guided = self.config.reconstruction.method == Method::Guided;
         let gaze = eye_tracking && self.gaze.is_none();
         let left_handed = hand == Hand::Left;
-        let options = Options { size: self.size, gaze, refresh_hz, depth: depth && guided, left_handed };
+        let (depth, mirrored) =
+            (depth && guided, run.mirror.as_ref().is_some_and(|mirror| !mirror.is_closed()));
+        let options = Options { size: self.size, gaze, refresh_hz, depth, left_handed, mirrored };
         run.teller.watch.asks();
         let mut session = Session::new(&stage.runtime, &stage.machine.context, &options)?;
         self.introduce(stage, &session, run)?;
         let before = run.teller.watch.report().stats.dropped;
         let ended = self.frames(stage, &mut session, run, before);
+        if let Some(mirror) = &mut run.mirror {
+            mirror.release();
+        }
         if ended.is_ok() || self.is_over(run) {
             // Before anything is taken down: some runtimes hang in that.
             run.teller.watch.tell()?;
@@ -310,10 +319,18 @@ impl Presentation<'_> {
             if self.is_over(run) {
                 session.request_exit();
             }
+            if run.mirror.as_ref().is_some_and(Mirror::wants) {
+                session.show_spectators();
+            }
             let mut link = Link { headset: session, draw: &mut stage.renderer, observer: &mut run.teller };
             let goes_on = run.frame_loop.step(&mut link, &keys);
             run.teller.watch.report().stats.dropped = dropped + session.clock().dropped;
             run.teller.tell(session);
+            if let Some(mirror) = &mut run.mirror
+                && let Err(error) = mirror.look(&stage.machine.context, session.spectated())
+            {
+                run.teller.note(&format!("the mirror is gone: {error}"));
+            }
             if !goes_on? {
                 return Ok(());
             }

@@ -408,6 +408,56 @@ impl Commands {
         self.hold_buffers(&[to]);
     }
 
+    /// Copies a picture to another of the same size, of whatever format: light stays what it is where an sRGB format
+    /// encodes it.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn blit(&mut self, from: &Target, to: &Target) {
+        assert_eq!((from.width(), from.height()), (to.width(), to.height()), "pictures of one size");
+        let (source, sink) = (vk::ImageLayout::TRANSFER_SRC_OPTIMAL, vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+        let resting = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
+        self.transition(from.0.image, resting, source);
+        self.transition(to.0.image, resting, sink);
+        let layers = vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            mip_level: 0,
+            base_array_layer: 0,
+            layer_count: 1,
+        };
+        let corner = vk::Offset3D { x: from.width() as i32, y: from.height() as i32, z: 1 };
+        let whole = [vk::Offset3D::default(), corner];
+        let region = [vk::ImageBlit {
+            src_subresource: layers,
+            src_offsets: whole,
+            dst_subresource: layers,
+            dst_offsets: whole,
+        }];
+        let (from_image, to_image) = (from.0.image, to.0.image);
+        let nearest = vk::Filter::NEAREST;
+        // SAFETY: both images are in these layouts, as large as the region, and held until the commands are done.
+        unsafe {
+            let device = &self.context.0.device;
+            device.cmd_blit_image(self.buffer, from_image, source, to_image, sink, &region, nearest);
+        }
+        self.transition(from.0.image, source, resting);
+        self.transition(to.0.image, sink, resting);
+        self.held.extend([from.0.clone() as Arc<dyn Any + Send + Sync>, to.0.clone()]);
+    }
+
+    /// Whether what was submitted is done, without waiting for it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] if the device is lost.
+    pub fn is_done(&self) -> Result<bool> {
+        if self.submitted.is_none() {
+            return Ok(true);
+        }
+        // SAFETY: the fence belongs to the device.
+        unsafe { self.context.0.device.get_fence_status(self.fence) }
+            .map_err(|code| self.context.refused("waiting for the device", code))
+    }
+
     /// Submits what was recorded.
     ///
     /// # Errors

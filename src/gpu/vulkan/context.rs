@@ -260,6 +260,18 @@ impl Context {
         local.map(|heap| heap.size).max().unwrap_or(0)
     }
 
+    /// Whether pictures of one format can be copied to those of another by [`super::Commands::blit`].
+    pub fn blits(&self, from: vk::Format, to: vk::Format) -> bool {
+        let able = |format, feature| {
+            // SAFETY: only the physical device is asked.
+            let properties = unsafe {
+                self.0.instance.get_physical_device_format_properties(self.0.physical_device, format)
+            };
+            properties.optimal_tiling_features.contains(feature)
+        };
+        able(from, vk::FormatFeatureFlags::BLIT_SRC) && able(to, vk::FormatFeatureFlags::BLIT_DST)
+    }
+
     /// Pixels across the largest image.
     pub fn image_size_limit(&self) -> u32 {
         self.0.limits.max_image_dimension2_d.min(self.0.limits.max_framebuffer_width)

@@ -23,7 +23,7 @@ pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
 pub use pipeline::{Attachments, ComputePipeline, PassPipeline, Shader};
 #[cfg(feature = "window")]
-pub use swapchain::{Shown, Swapchain, Window, window_extensions};
+pub use swapchain::{Presenting, Shown, Swapchain, Window, window_extensions};
 
 #[cfg(test)]
 pub(crate) mod testing {

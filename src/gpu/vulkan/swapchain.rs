@@ -1,7 +1,8 @@
 //! Pictures of a window, one after the other.
 //!
 //! The host waits for an image before it is drawn into and for the drawing before it is presented, so no
-//! semaphores are needed; the frame that comes next is not begun before either way.
+//! semaphores are needed; the frame that comes next is not begun before either way. Who may not wait
+//! ([`Swapchain::show_without_waiting`]) looks each time how far the picture has come.
 #![allow(unsafe_code)]
 
 use std::ffi::{CStr, CString};
@@ -33,6 +34,36 @@ pub enum Shown {
     NeedsResize,
     /// The display takes no picture now, as of a hidden window.
     NotNow,
+}
+
+/// How pictures follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Presenting {
+    /// One after the other, at the display's rate.
+    InTurn,
+    /// The newest one replaces those that the display has not shown yet, where the device can do that.
+    Newest,
+}
+
+impl Presenting {
+    /// Vulkan's modes, best first; the last is the one that every device has.
+    fn modes(self) -> &'static [vk::PresentModeKHR] {
+        use vk::PresentModeKHR as Mode;
+        match self {
+            Presenting::InTurn => &[Mode::FIFO],
+            Presenting::Newest => &[Mode::MAILBOX, Mode::IMMEDIATE, Mode::FIFO],
+        }
+    }
+}
+
+/// How far a picture has come that is shown without waiting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    Nothing,
+    /// An image was acquired, which may be read yet; whether it fits the window.
+    Acquired(u32, bool),
+    /// It is being drawn.
+    Drawn(u32, bool),
 }
 
 /// Nanoseconds that the display may take to want a picture.
@@ -80,6 +111,8 @@ pub struct Swapchain {
     format: vk::SurfaceFormatKHR,
     acquired: vk::Fence,
     commands: Commands,
+    mode: vk::PresentModeKHR,
+    progress: Progress,
 }
 
 impl Swapchain {
@@ -88,9 +121,14 @@ impl Swapchain {
     ///
     /// # Errors
     /// [`Error::Device`] where the device cannot show pictures in this window.
-    pub fn new(context: &Context, window: Arc<dyn Window>, width: u32, height: u32) -> Result<Self> {
+    pub fn new(
+        context: &Context,
+        window: Arc<dyn Window>,
+        (width, height): (u32, u32),
+        presenting: Presenting,
+    ) -> Result<Self> {
         let surface = Arc::new(Surface::new(context, window)?);
-        let format = surface.format()?;
+        let (format, mode) = (surface.format()?, surface.mode(presenting));
         let device = &context.0.device;
         let functions = ash::khr::swapchain::Device::new(&context.0.instance, device);
         let commands = Commands::new(context)?;
@@ -105,6 +143,8 @@ impl Swapchain {
             format,
             acquired,
             commands,
+            mode,
+            progress: Progress::Nothing,
         };
         swapchain.resize(width, height)?;
         Ok(swapchain)
@@ -126,9 +166,16 @@ impl Swapchain {
     /// [`Error::Device`] where the device refuses.
     pub fn resize(&mut self, width: u32, height: u32) -> Result<()> {
         self.commands.wait()?;
-        let surface = &self.surface;
-        let context = surface.context.clone();
+        let context = self.surface.context.clone();
         let refused = |code| context.refused("images for a window", code);
+        if let Progress::Acquired(..) = std::mem::replace(&mut self.progress, Progress::Nothing) {
+            // SAFETY: the fence was handed over as the image was acquired.
+            unsafe {
+                context.await_fence(self.acquired, Limits::MOMENTS)?;
+                context.0.device.reset_fences(&[self.acquired]).map_err(refused)?;
+            }
+        }
+        let surface = &self.surface;
         // SAFETY: surface and physical device belong to the instance.
         let limits = unsafe {
             surface
@@ -167,8 +214,7 @@ impl Swapchain {
             .image_sharing_mode(vk::SharingMode::EXCLUSIVE)
             .pre_transform(limits.current_transform)
             .composite_alpha(alpha.unwrap_or(vk::CompositeAlphaFlagsKHR::OPAQUE))
-            // The one mode that every device has; it waits for the display, so the rate is the display's.
-            .present_mode(vk::PresentModeKHR::FIFO)
+            .present_mode(self.mode)
             .clipped(true)
             .old_swapchain(self.handle);
         // SAFETY: the surface is valid, what is asked for lies within its limits, and nothing is being drawn
@@ -204,18 +250,80 @@ impl Swapchain {
         }
         let context = self.surface.context.clone();
         let refused = |code| context.refused("showing a picture in a window", code);
-        let (index, mut good) = match self.acquire()? {
+        let (index, good) = match self.acquire(PATIENCE)? {
             Ok(next) => next,
             Err(shown) => return Ok(shown),
         };
+        // SAFETY: the fence was handed over as the image was acquired.
+        unsafe {
+            context.await_fence(self.acquired, Limits::MOMENTS)?;
+            context.0.device.reset_fences(&[self.acquired]).map_err(refused)?;
+        }
+        self.draw(index, draw)?;
+        self.commands.wait()?;
+        self.present(index, good)
+    }
+
+    /// The same in steps that wait for nothing: each call does what can be done by now, and answers
+    /// [`Shown::NotNow`] until the picture is on its way. What `draw` records is that of the call in which an image
+    /// is there to be drawn into.
+    ///
+    /// # Errors
+    /// As [`Swapchain::show`].
+    pub fn show_without_waiting(
+        &mut self,
+        draw: impl FnOnce(&mut Commands, &Target) -> Result<()>,
+    ) -> Result<Shown> {
+        if self.images.is_empty() {
+            return Ok(Shown::NeedsResize);
+        }
+        if let Progress::Drawn(index, good) = self.progress {
+            if !self.commands.is_done()? {
+                return Ok(Shown::NotNow);
+            }
+            self.progress = Progress::Nothing;
+            return self.present(index, good);
+        }
+        if self.progress == Progress::Nothing {
+            match self.acquire(0)? {
+                Ok((index, good)) => self.progress = Progress::Acquired(index, good),
+                Err(shown) => return Ok(shown),
+            }
+        }
+        if let Progress::Acquired(index, good) = self.progress {
+            let context = self.surface.context.clone();
+            let refused = |code| context.refused("showing a picture in a window", code);
+            // SAFETY: the fence belongs to the device; it is reset once it is signalled.
+            unsafe {
+                if !context.0.device.get_fence_status(self.acquired).map_err(refused)? {
+                    return Ok(Shown::NotNow);
+                }
+                context.0.device.reset_fences(&[self.acquired]).map_err(refused)?;
+            }
+            self.progress = Progress::Drawn(index, good);
+            self.draw(index, draw)?;
+        }
+        Ok(Shown::NotNow)
+    }
+
+    /// Whether a picture is on its way that was begun by [`Swapchain::show_without_waiting`].
+    pub fn is_busy(&self) -> bool {
+        matches!(self.progress, Progress::Drawn(..))
+    }
+
+    fn draw(&mut self, index: u32, draw: impl FnOnce(&mut Commands, &Target) -> Result<()>) -> Result<()> {
         let target = self.images[index as usize].clone();
         let drawing = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
         self.commands.begin()?;
         self.commands.transition(target.0.image, vk::ImageLayout::UNDEFINED, drawing);
         draw(&mut self.commands, &target)?;
         self.commands.transition(target.0.image, drawing, vk::ImageLayout::PRESENT_SRC_KHR);
-        self.commands.submit()?;
-        self.commands.wait()?;
+        self.commands.submit()
+    }
+
+    /// Presents an image into which drawing is done; `good` where it fits the window.
+    fn present(&mut self, index: u32, mut good: bool) -> Result<Shown> {
+        let context = &self.surface.context;
         let (swapchains, indices) = ([self.handle], [index]);
         let info = vk::PresentInfoKHR::default().swapchains(&swapchains).image_indices(&indices);
         let queue = context.queue();
@@ -223,34 +331,24 @@ impl Swapchain {
         match unsafe { self.functions.queue_present(*queue, &info) } {
             Ok(suboptimal) => good &= !suboptimal,
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => good = false,
-            Err(code) => return Err(refused(code)),
+            Err(code) => return Err(context.refused("showing a picture in a window", code)),
         }
         Ok(if good { Shown::Yes } else { Shown::NeedsResize })
     }
 
-    /// The next image's index once it can be drawn into, and whether it fits the window; otherwise why there
-    /// is none.
-    fn acquire(&mut self) -> Result<Result<(u32, bool), Shown>> {
+    /// The next image's index, whose fence tells when it can be drawn into, and whether it fits the window;
+    /// otherwise why there is none. Waits for so many nanoseconds.
+    fn acquire(&mut self, patience: u64) -> Result<Result<(u32, bool), Shown>> {
         let context = &self.surface.context;
-        let refused = |code| context.refused("the next picture of a window", code);
-        let device = &context.0.device;
-        // SAFETY: the fence is not in use, and is waited for at once.
-        unsafe {
-            let next = self.functions.acquire_next_image(
-                self.handle,
-                PATIENCE,
-                vk::Semaphore::null(),
-                self.acquired,
-            );
-            let (index, suboptimal) = match next {
-                Ok(next) => next,
-                Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => return Ok(Err(Shown::NeedsResize)),
-                Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => return Ok(Err(Shown::NotNow)),
-                Err(code) => return Err(refused(code)),
-            };
-            context.await_fence(self.acquired, Limits::MOMENTS)?;
-            device.reset_fences(&[self.acquired]).map_err(refused)?;
-            Ok(Ok((index, !suboptimal)))
+        // SAFETY: the fence is not in use.
+        let next = unsafe {
+            self.functions.acquire_next_image(self.handle, patience, vk::Semaphore::null(), self.acquired)
+        };
+        match next {
+            Ok((index, suboptimal)) => Ok(Ok((index, !suboptimal))),
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(Err(Shown::NeedsResize)),
+            Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => Ok(Err(Shown::NotNow)),
+            Err(code) => Err(context.refused("the next picture of a window", code)),
         }
     }
 }
@@ -307,6 +405,18 @@ impl Surface {
                     .to_string(),
             }),
         }
+    }
+
+    /// The best mode for pictures that follow each other so.
+    fn mode(&self, presenting: Presenting) -> vk::PresentModeKHR {
+        // SAFETY: both belong to the instance.
+        let offered = unsafe {
+            self.functions
+                .get_physical_device_surface_present_modes(self.context.0.physical_device, self.handle)
+        };
+        let offered = offered.unwrap_or_default();
+        let modes = presenting.modes().iter().copied();
+        modes.into_iter().find(|mode| offered.contains(mode)).unwrap_or(vk::PresentModeKHR::FIFO)
     }
 
     /// A format that takes pixels as they are.

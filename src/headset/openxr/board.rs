@@ -85,7 +85,7 @@ impl Notices {
 
 impl Board {
     fn new(session: &xr::Session<xr::Vulkan>, context: &Context, color: Format) -> Outcome<Board> {
-        let images = ViewImages::new(session, context, Formats { color, depth: None }, SIZE)?;
+        let images = ViewImages::new(session, context, Formats { color, depth: None, copied: false }, SIZE)?;
         let head = session.create_reference_space(xr::ReferenceSpaceType::VIEW, xr::Posef::IDENTITY);
         Ok(Board {
             commands: Commands::new(context)?,

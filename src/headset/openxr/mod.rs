@@ -18,6 +18,7 @@ mod lifecycle;
 mod runtime;
 mod session;
 mod setup;
+mod spectator;
 mod swapchain;
 mod vulkan;
 mod waiter;

@@ -6,7 +6,7 @@ use openxr as xr;
 use super::fault::{Called, Fault, Outcome};
 use super::{absent, foveated, vulkan, waiter};
 use crate::error::Error;
-use crate::gpu::vulkan::Context;
+use crate::gpu::vulkan::{Context, ContextOptions};
 
 /// Stereo with a sharp inset for each eye, of OpenXR 1.1 and XR_VARJO_quad_views.
 const QUAD: xr::ViewConfigurationType = xr::ViewConfigurationType::PRIMARY_STEREO_WITH_FOVEATED_INSET;
@@ -70,12 +70,12 @@ impl Runtime {
         Ok(Runtime { instance, system, views, sizes, blend, takes_depth, follows, name })
     }
 
-    /// Makes the Vulkan device that the runtime presents from.
+    /// Makes the Vulkan device that the runtime presents from, with the extensions that `options` ask for.
     ///
     /// # Errors
-    /// Where the runtime or the driver refuses.
-    pub fn open_context(&self) -> Outcome<Context> {
-        vulkan::open(&self.instance, self.system)
+    /// Where the runtime or the driver refuses, or an extension is missing.
+    pub fn open_context(&self, options: &ContextOptions) -> Outcome<Context> {
+        vulkan::open(&self.instance, self.system, options)
     }
 
     /// Name and version.

@@ -17,6 +17,7 @@ use super::gaze::{self, EyeTracker};
 use super::lifecycle::{self, Duty, Lifecycle};
 use super::runtime::Runtime;
 use super::setup::{Sizes, Steady, images, sizes};
+use super::spectator::Spectator;
 use super::swapchain::{Formats, ViewImages, formats};
 use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
@@ -46,6 +47,8 @@ pub struct Options {
     pub depth: bool,
     /// The left hand turns, points and teleports.
     pub left_handed: bool,
+    /// Spectators want to see what the first view shows.
+    pub mirrored: bool,
 }
 
 /// A session with the runtime.
@@ -53,6 +56,8 @@ pub struct Session {
     // In the order in which they end.
     images: Vec<ViewImages>,
     notices: Notices,
+    /// What spectators see, where they can.
+    spectator: Option<Spectator>,
     sizes: Sizes,
     actions: Option<Actions>,
     eyes: Option<EyeTracker>,
@@ -129,11 +134,14 @@ impl Session {
         let views = followed.as_ref().and_then(|_| wished.views(&runtime.instance).ok());
         let views = views.as_ref().unwrap_or(&runtime.sizes);
         let sizes = sizes(views, options.size, context.image_size_limit(), &mut notes);
-        let candidates = formats(&session, options.depth && runtime.takes_depth)?;
+        let candidates = formats(&session, options.depth && runtime.takes_depth, options.mirrored)?;
         let (formats, images) = images(&session, context, &candidates, &sizes, &mut notes)?;
+        let spectator = options.mirrored.then(|| Spectator::new(context, formats, &mut notes)).transpose()?;
+        let spectator = spectator.flatten();
         Ok(Session {
             images,
             notices: Notices::new(context),
+            spectator,
             sizes: wished,
             followed,
             actions,
@@ -412,6 +420,7 @@ impl Headset for Session {
     fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
         // What was not drawn into is kept for the next frame.
         if let Some(shown) = shown {
+            self.spectate()?;
             self.images.iter_mut().try_for_each(ViewImages::release)?;
             self.shown = shown.to_vec();
             self.newest = Some(Instant::now());

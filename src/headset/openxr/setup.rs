@@ -46,8 +46,9 @@ pub fn images(
     for &formats in candidates {
         let made: Outcome<Vec<_>> =
             sizes.iter().map(|&size| ViewImages::new(session, context, formats, size)).collect();
-        let Formats { color, depth } = formats;
-        let instead = format!("no images of {color:?} with depths of {depth:?} are used");
+        let Formats { color, depth, copied } = formats;
+        let further = if copied { ", to be copied for spectators," } else { "" };
+        let instead = format!("no images of {color:?} with depths of {depth:?}{further} are used");
         if let Some(images) = notes.or_without(made, &instead)? {
             return Ok((formats, images));
         }

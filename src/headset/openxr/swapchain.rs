@@ -43,10 +43,13 @@ pub struct Formats {
     pub color: vk::Format,
     /// Of depths, where they are handed over.
     pub depth: Option<vk::Format>,
+    /// Colours can be copied from, for spectators.
+    pub copied: bool,
 }
 
-/// The formats that the runtime offers, best first; each with depths, where they are wanted, and without.
-pub fn formats(session: &xr::Session<xr::Vulkan>, depth: bool) -> Outcome<Vec<Formats>> {
+/// The formats that the runtime offers, best first; each with depths, where they are wanted, and without. Where they
+/// are to be copied, those that cannot come last.
+pub fn formats(session: &xr::Session<xr::Vulkan>, depth: bool, copied: bool) -> Outcome<Vec<Formats>> {
     let offered = session.enumerate_swapchain_formats().called("xrEnumerateSwapchainFormats")?;
     let is_offered = |format: &vk::Format| offered.contains(&(format.as_raw() as u32));
     let depth = DEPTH_FORMATS.into_iter().find(is_offered).filter(|_| depth);
@@ -55,11 +58,10 @@ pub fn formats(session: &xr::Session<xr::Vulkan>, depth: bool) -> Outcome<Vec<Fo
         let problem = format!("it offers no format that can be drawn into, only {offered:?}; update it");
         return Err(Error::Device { device: "the OpenXR runtime".into(), problem }.into());
     }
-    let each = |color| {
-        let without = Formats { color, depth: None };
-        depth.map(|depth| Formats { color, depth: Some(depth) }).into_iter().chain([without])
-    };
-    Ok(colors.into_iter().flat_map(each).collect())
+    let each = |color| depth.map(Some).into_iter().chain([None]).map(move |depth| (color, depth));
+    let plain: Vec<_> = colors.into_iter().flat_map(each).collect();
+    let with = |copied| plain.iter().map(move |&(color, depth)| Formats { color, depth, copied });
+    Ok(with(copied).chain(with(false).filter(|_| copied)).collect())
 }
 
 /// A swapchain and which of its images is drawn into.
@@ -177,7 +179,8 @@ impl ViewImages {
         size: (u32, u32),
     ) -> Outcome<ViewImages> {
         use xr::SwapchainUsageFlags as Usage;
-        let color = Chain::new(session, formats.color, Usage::COLOR_ATTACHMENT, size)?;
+        let copied = if formats.copied { Usage::TRANSFER_SRC } else { Usage::EMPTY };
+        let color = Chain::new(session, formats.color, Usage::COLOR_ATTACHMENT | copied, size)?;
         let depth = |format| Chain::new(session, format, Usage::DEPTH_STENCIL_ATTACHMENT, size);
         let depth = formats.depth.map(depth).transpose()?;
         Ok(ViewImages { targets: HashMap::new(), color, depth, context: context.clone(), formats, size })
@@ -222,6 +225,13 @@ impl ViewImages {
             }
         };
         Ok(Some(self.targets.entry(key).or_insert(target).clone()))
+    }
+
+    /// Where the view is drawn, while its images are held.
+    pub fn target(&self) -> Option<&Target> {
+        let depth = self.depth.as_ref().map(|depth| depth.acquired);
+        let depth = depth.map_or(Some(None), |acquired| acquired.map(|(index, _)| Some(index)))?;
+        self.targets.get(&(self.color.acquired?.0, depth))
     }
 
     /// Hands the images that were drawn into to the compositor.

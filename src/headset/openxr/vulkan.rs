@@ -1,15 +1,17 @@
 //! The Vulkan device that the runtime presents from, made through XR_KHR_vulkan_enable2.
 #![allow(unsafe_code)]
 
+use std::ffi::CString;
+
 use ash::vk::{self, Handle};
 use openxr as xr;
 
 use super::fault::{Called, Fault, Outcome};
 use crate::error::Error;
-use crate::gpu::vulkan::{Context, RawContext, queue_family, sharing_extensions};
+use crate::gpu::vulkan::{Context, ContextOptions, RawContext, queue_family, sharing_extensions};
 
-/// Makes instance and device as the runtime wants them.
-pub fn open(instance: &xr::Instance, system: xr::SystemId) -> Outcome<Context> {
+/// Makes instance and device as the runtime wants them, with the extensions that windows need.
+pub fn open(instance: &xr::Instance, system: xr::SystemId, options: &ContextOptions) -> Outcome<Context> {
     let wanted = xr::Version::new(1, 1, 0);
     let offered =
         instance.graphics_requirements::<xr::Vulkan>(system).called("xrGetVulkanGraphicsRequirements2KHR")?;
@@ -26,10 +28,10 @@ pub fn open(instance: &xr::Instance, system: xr::SystemId) -> Outcome<Context> {
     let entry = unsafe { ash::Entry::load() }.map_err(|_| {
         missing("the Vulkan loader is not installed; install libvulkan1 and your GPU's driver".into())
     })?;
-    let raw_instance = create_instance(&entry, instance, system, least)?;
+    let raw_instance = create_instance(&entry, instance, (system, least), &options.instance_extensions)?;
     // SAFETY: the handle is a valid instance made with this loader.
     let vulkan = unsafe { ash::Instance::load(entry.static_fn(), raw_instance) };
-    match create_device(&entry, &vulkan, instance, system) {
+    match create_device(&entry, &vulkan, (instance, system), &options.device_extensions) {
         Ok((physical_device, device, queue_family)) => {
             let raw =
                 RawContext { entry, instance: vulkan, physical_device, device, queue_family, owned: true };
@@ -59,14 +61,19 @@ fn refused(what: &str, code: i32) -> Fault {
 fn create_instance(
     entry: &ash::Entry,
     instance: &xr::Instance,
-    system: xr::SystemId,
-    version: xr::Version,
+    (system, version): (xr::SystemId, xr::Version),
+    extensions: &[CString],
 ) -> Outcome<vk::Instance> {
+    // SAFETY: only the loader is asked.
+    let offered = unsafe { entry.enumerate_instance_extension_properties(None) }.unwrap_or_default();
+    require(extensions, &offered)?;
+    let extensions: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
     let application = vk::ApplicationInfo::default()
         .application_name(c"foveate")
         .engine_name(c"foveate")
         .api_version(vk::make_api_version(0, version.major().into(), version.minor().into(), 0));
-    let info = vk::InstanceCreateInfo::default().application_info(&application);
+    let info =
+        vk::InstanceCreateInfo::default().application_info(&application).enabled_extension_names(&extensions);
     // SAFETY: the loader's own function, under the same calling convention by another name; the info
     // outlives the call.
     let made = unsafe {
@@ -83,8 +90,8 @@ fn create_instance(
 fn create_device(
     entry: &ash::Entry,
     vulkan: &ash::Instance,
-    instance: &xr::Instance,
-    system: xr::SystemId,
+    (instance, system): (&xr::Instance, xr::SystemId),
+    extensions: &[CString],
 ) -> Outcome<(vk::PhysicalDevice, ash::Device, u32)> {
     // SAFETY: the instance was made by xrCreateVulkanInstanceKHR.
     let physical = unsafe { instance.vulkan_graphics_device(system, vulkan.handle().as_raw() as _) }
@@ -94,7 +101,12 @@ fn create_device(
         missing("the OpenXR runtime's has no queue for graphics and compute; update the GPU's driver".into())
     })?;
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
-    let extensions: Vec<_> = sharing_extensions(vulkan, physical).iter().map(|name| name.as_ptr()).collect();
+    // SAFETY: the device belongs to the instance.
+    let offered = unsafe { vulkan.enumerate_device_extension_properties(physical) }.unwrap_or_default();
+    require(extensions, &offered)?;
+    let sharing = sharing_extensions(vulkan, physical);
+    let extensions: Vec<_> =
+        extensions.iter().map(|name| name.as_ptr()).chain(sharing.iter().map(|name| name.as_ptr())).collect();
     let info =
         vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
     // SAFETY: as for the instance; the extensions are offered by the device.
@@ -109,6 +121,17 @@ fn create_device(
     // SAFETY: the handle is a valid device of this instance.
     let device = unsafe { ash::Device::load(vulkan.fp_v1_0(), vk::Device::from_raw(handle as _)) };
     Ok((physical, device, family))
+}
+
+/// Whether windows can be shown with what is offered.
+fn require(wanted: &[CString], offered: &[vk::ExtensionProperties]) -> Outcome<()> {
+    let has = |name: &CString| offered.iter().any(|entry| entry.extension_name_as_c_str() == Ok(name));
+    wanted.iter().find(|name| !has(name)).map_or(Ok(()), |name| {
+        Err(missing(format!(
+            "the OpenXR runtime's shows no windows ({} is missing); leave --mirror out",
+            name.to_string_lossy()
+        )))
+    })
 }
 
 /// A session that presents from the context's device, which outlives it.

@@ -3,6 +3,8 @@
 #[cfg(feature = "window")]
 mod keys;
 mod lens_warp;
+#[cfg(feature = "window")]
+mod mirror;
 mod monitor;
 mod pass;
 #[cfg(feature = "window")]
@@ -11,6 +13,8 @@ mod window;
 #[cfg(feature = "window")]
 pub use keys::Keys;
 pub use lens_warp::LensWarp;
+#[cfg(feature = "window")]
+pub use mirror::Mirror;
 pub use monitor::{CONNECTORS, Monitor, panel_among, rift_connectors};
 pub use pass::PanelPass;
 #[cfg(feature = "window")]

@@ -18,7 +18,7 @@ use super::keys::Keys;
 use super::monitor::{CONNECTORS, Monitor, panel_among, rift_connectors};
 use super::{LensWarp, PanelPass};
 use crate::error::{Error, Result};
-use crate::gpu::vulkan::{Context, ContextOptions, Shown, Swapchain, Target, window_extensions};
+use crate::gpu::vulkan::{Context, ContextOptions, Presenting, Shown, Swapchain, Target, window_extensions};
 use crate::headset::Toggles;
 use crate::headset::mouse_look::Wish;
 
@@ -80,19 +80,18 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// Connects to the desktop.
+    /// Connects to the desktop; `instead` is what can be done without one.
     ///
     /// # Errors
     /// [`Error::Device`] where there is none, or a library for it is missing.
-    pub fn connect() -> Result<Self> {
+    pub fn connect(instead: &str) -> Result<Self> {
         let refused = |problem: String| Error::Device { device: "display".to_string(), problem };
         require_libraries().map_err(refused)?;
         let event_loop = EventLoop::new().map_err(|_| {
-            refused(
+            refused(format!(
                 "no desktop answers (WAYLAND_DISPLAY or DISPLAY name it); start this in a desktop session, or \
-                 render to files with `foveate demo`"
-                    .to_string(),
-            )
+                 {instead}"
+            ))
         })?;
         event_loop.set_control_flow(ControlFlow::Wait);
         Ok(Panel { event_loop })
@@ -105,6 +104,11 @@ impl Panel {
     pub fn vulkan_options(&self) -> Result<ContextOptions> {
         let (instance_extensions, device_extensions) = window_extensions(&self.event_loop)?;
         Ok(ContextOptions { instance_extensions, device_extensions, ..ContextOptions::default() })
+    }
+
+    /// What the window's loop is run by.
+    pub(super) fn into_event_loop(self) -> EventLoop<()> {
+        self.event_loop
     }
 
     /// Has a window opened at the next look for a moment. The context was opened with [`Panel::vulkan_options`].
@@ -230,7 +234,7 @@ impl Shower {
         })?;
         let window = Arc::new(window);
         let size = window.inner_size();
-        let swapchain = Swapchain::new(&self.context, window.clone(), size.width, size.height)?;
+        let swapchain = Swapchain::new(&self.context, window.clone(), size.into(), Presenting::InTurn)?;
         let pass = PanelPass::new(&self.context, swapchain.format())?;
         Ok(Opened { window, swapchain, pass })
     }

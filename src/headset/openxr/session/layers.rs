@@ -6,6 +6,7 @@ use openxr as xr;
 
 use super::super::fault::{Called, Outcome};
 use super::{Session, ViewImages};
+use crate::gpu::vulkan::Target;
 use crate::headset::EyeView;
 
 /// How long the last picture may stay before the wearer is told why.
@@ -22,6 +23,27 @@ const REFUSALS: [xr::sys::Result; 6] = [
 ];
 
 impl Session {
+    /// Has the next picture of the first view kept for spectators.
+    pub fn show_spectators(&mut self) {
+        if let Some(spectator) = &mut self.spectator {
+            spectator.wanted = true;
+        }
+    }
+
+    /// The newest picture that was kept for spectators, once each: of format R8G8B8A8, encoded as sRGB.
+    pub fn spectated(&mut self) -> Option<&Target> {
+        self.spectator.as_mut()?.take()
+    }
+
+    /// Keeps what was drawn for the first view, before it is handed over, where spectators wait for it.
+    pub(super) fn spectate(&mut self) -> Outcome<()> {
+        let Some(spectator) = self.spectator.as_mut().filter(|spectator| spectator.wanted) else {
+            return Ok(());
+        };
+        let picture = self.images.first().and_then(ViewImages::target);
+        Ok(picture.map_or(Ok(()), |picture| spectator.keep(picture))?)
+    }
+
     /// Ends the frame with the last picture, if there is one, and tells the wearer why there is no new one: at once
     /// where there is none at all, else after a while.
     pub(super) fn submit_last(&mut self, why: Option<&str>) -> Outcome<()> {
