@@ -12,6 +12,8 @@ use embedded_graphics::pixelcolor::raw::LittleEndian;
 use embedded_graphics::text::{Baseline, Text};
 
 pub use pass::MessagePass;
+#[cfg(feature = "window")]
+pub use pass::middles;
 
 /// Pixels across and down of the largest picture; the former are whole words of 32.
 pub const SIZE: (u32, u32) = (640, 240);

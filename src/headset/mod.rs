@@ -9,7 +9,7 @@ mod fault;
 mod frame;
 mod hidden;
 pub mod locomotion;
-#[cfg(feature = "openxr")]
+#[cfg(any(feature = "openxr", feature = "window"))]
 pub mod message;
 pub mod mock;
 pub mod mouse_look;

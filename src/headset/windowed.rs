@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use glam::{DQuat, DVec3};
 
+use super::message::{Message, MessagePass, middles};
 use super::mock::Profile;
 use super::mouse_look::MouseLook;
 use super::panel::{LensWarp, Look, Moment, PanelFrame, PanelWindow};
@@ -12,7 +13,7 @@ use super::rift_dk1::optics::{NECK_TO_EYE, Optics, REFRESH_HZ};
 use super::rift_dk1::takeover::{Source, Takeover};
 use super::{Canvas, Deadline, EyeView, Frame, Headset, Input, Next, Outcome};
 use crate::error::Result;
-use crate::gpu::vulkan::{Context, Format, Image};
+use crate::gpu::vulkan::{Commands, Context, Encoding, Format, Image};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 
@@ -23,6 +24,9 @@ const UNKNOWN_PERIOD: i64 = 33_333_333;
 /// What is told then.
 const NO_PERIOD: &str = "the desktop does not tell how long its display shows a picture: frames are held to the \
                          time of a display of 30 Hz; give another with --target-ms";
+
+/// Pixels down of what is written over a picture.
+const NOTICE_HEIGHT: u32 = 100;
 
 /// What is in the window.
 pub enum Eyepiece {
@@ -36,6 +40,9 @@ pub enum Eyepiece {
 pub struct Windowed {
     // Before what shows it, which it is drawn with.
     image: Image,
+    /// Writes over the last picture why there is no new one, once that was needed.
+    notice: Option<(MessagePass, Commands)>,
+    context: Context,
     window: PanelWindow,
     eyepiece: Eyepiece,
     profile: Profile,
@@ -88,6 +95,8 @@ impl Windowed {
         let heading = DQuat::from_rotation_y((-ahead.x).atan2(-ahead.z));
         let mouse_look = MouseLook::new(Pose::new(heading.conjugate() * rest.rotation, rest.position));
         Ok(Windowed {
+            notice: None,
+            context: context.clone(),
             image: Image::new(context, Format::R8G8B8A8_UNORM, width, profile.eye_height)?,
             window,
             eyepiece,
@@ -235,18 +244,18 @@ impl Headset for Windowed {
     }
 
     fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
-        let Some(moment) = self.moment.filter(|_| shown.is_some()) else { return Ok(()) };
-        let (width, height) = self.size();
-        let warps = match &self.eyepiece {
-            Eyepiece::Plain => vec![LensWarp::fitted([width, height], moment.window)],
-            Eyepiece::Dk1(optics) => {
-                optics.warps([self.profile.eye_width, self.profile.eye_height], moment.window).to_vec()
-            }
-        };
-        let status = std::mem::take(&mut self.status);
-        let picture = self.image.target().clone();
-        self.shown += u64::from(self.window.show(&PanelFrame { picture, warps, status })?);
-        self.tracked += u64::from(self.source == Some(Source::Tracker));
+        if shown.is_some() {
+            self.shown += u64::from(self.present()?);
+            self.tracked += u64::from(self.source == Some(Source::Tracker));
+        }
+        Ok(())
+    }
+
+    fn hold(&mut self, _: &Frame, why: Option<&str>) -> Outcome<()> {
+        if let Some(why) = why {
+            self.write(why)?;
+            self.present()?;
+        }
         Ok(())
     }
 
@@ -256,5 +265,41 @@ impl Headset for Windowed {
 
     fn take_notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
+    }
+}
+
+impl Windowed {
+    /// Brings the picture to the window; whether it could be shown.
+    fn present(&mut self) -> Result<bool> {
+        let Some(moment) = self.moment else { return Ok(false) };
+        let (width, height) = self.size();
+        let warps = match &self.eyepiece {
+            Eyepiece::Plain => vec![LensWarp::fitted([width, height], moment.window)],
+            Eyepiece::Dk1(optics) => {
+                optics.warps([self.profile.eye_width, self.profile.eye_height], moment.window).to_vec()
+            }
+        };
+        let status = std::mem::take(&mut self.status);
+        let picture = self.image.target().clone();
+        self.window.show(&PanelFrame { picture, warps, status })
+    }
+
+    /// Writes a text over the picture, in the middle of what each eye sees.
+    fn write(&mut self, text: &str) -> Result<()> {
+        let eye = (self.profile.eye_width, self.profile.eye_height);
+        let message = Message::new(text, (eye.0, eye.1.min(NOTICE_HEIGHT)));
+        let target = self.image.target();
+        let (pass, commands) = match &mut self.notice {
+            Some(notice) => notice,
+            none => none
+                .insert((MessagePass::new(&self.context, target.format())?, Commands::new(&self.context)?)),
+        };
+        commands.begin()?;
+        let places = middles(if self.mono { 1 } else { 2 }, eye, message.size());
+        for place in places {
+            pass.record(commands, &message, (target, Encoding::DisplaySrgb), place)?;
+        }
+        commands.submit()?;
+        commands.wait().map(|_| ())
     }
 }

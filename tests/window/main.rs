@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod keys;
 mod lens;
 mod screen;
 
@@ -217,6 +218,29 @@ fn a_plain_window_shows_both_eyes_side_by_side_and_ends_by_itself() {
     let (left, right) = (shot.middle_of_row(160, 0..320, 1), shot.middle_of_row(160, 320..640, 1));
     let expected = 320.0 + 320.0 * seen(BAR, Eye::Left)[0];
     assert!((left.unwrap() - expected).abs() < 1.5 && right.is_none(), "{left:?} {right:?}, not {expected}");
+}
+
+#[test]
+fn keys_are_told_and_escape_frees_the_mouse_before_it_ends() {
+    let Some(screen) = Screen::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    bars(folder.path());
+    let plain = SETTINGS.replace("--json", "");
+    let size = "--window --set view.width=320 --set view.height=240";
+    let mut child = start_with(&screen, folder.path(), &format!("{size} {plain}"));
+    let line = keys::first_line(&mut child);
+    assert!(line.contains("WASD") && line.contains("Escape: lets the mouse go, then ends"), "{line}");
+    picture(&screen, &mut child);
+    let user = keys::User::at(&screen);
+    user.choose_window();
+    assert!(!user.mouse_is_taken());
+    user.click_until_taken([100, 100], &mut child);
+    user.press_escape();
+    user.await_freedom(&mut child);
+    assert!(child.try_wait().unwrap().is_none(), "it ends with the mouse");
+    user.press_escape();
+    let out = std::io::read_to_string(child.stdout.take().unwrap()).unwrap();
+    assert!(child.wait().unwrap().success() && out.contains("frames in a window"), "{out}");
 }
 
 #[test]

@@ -75,6 +75,13 @@ impl MessagePass {
     }
 }
 
+/// Where a message of `size` stands in the middle of each of some eyes' pictures of `width` and `height`, side by side:
+/// its upper left corners.
+#[cfg(feature = "window")]
+pub fn middles(eyes: u32, (width, height): (u32, u32), size: (u32, u32)) -> Vec<[u32; 2]> {
+    (0..eyes).map(|eye| [eye * width + (width - size.0) / 2, (height - size.1) / 2]).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -109,5 +116,12 @@ mod tests {
             }
         }
         testing::assert_valid(&context);
+    }
+
+    #[cfg(feature = "window")]
+    #[test]
+    fn each_eye_has_a_message_in_its_middle() {
+        assert_eq!(middles(1, (320, 200), (320, 100)), [[0, 50]]);
+        assert_eq!(middles(2, (700, 81), (640, 81)), [[30, 0], [730, 0]]);
     }
 }
