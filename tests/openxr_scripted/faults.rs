@@ -343,5 +343,7 @@ fn a_picture_stays_where_no_image_can_be_had_for_the_next() {
     let poses: Vec<_> =
         wanted.iter().skip(1).map(|frame| &frame.0["layers"][0]["views"][0]["pose"]).collect();
     assert!(poses.iter().all(|pose| pose.is_array()), "a frame shows nothing: {wanted:?}");
-    assert_eq!(poses.windows(2).filter(|pair| pair[0] == pair[1]).count(), 3, "{poses:?}");
+    // Eight pictures, one of which stays for three more frames; late frames may be of one time besides.
+    assert_eq!(poses.len(), 8 + 3, "{poses:?}");
+    assert!(poses.windows(2).filter(|pair| pair[0] == pair[1]).count() >= 3, "{poses:?}");
 }
