@@ -47,6 +47,11 @@ test-opencl: ## Kernels and frames on other OpenCL compilers, unpacked aside: ru
 	cargo build
 	scripts/test-opencl.sh $(ARGS)
 
+.PHONY: gpu-static
+gpu-static: ## What kernels would take of NVIDIA's and AMD's cards, by their compilers, and whether that is allowed; no card is needed
+	@$(need_cargo)
+	scripts/gpu-static.sh
+
 test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
 	@$(need_cargo)
 	scripts/install-packages.sh remote

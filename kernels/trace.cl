@@ -1,7 +1,7 @@
 // Camera rays: the first hit of every pixel, or of every sample.
 
 #if SINGLE_RAYS
-static HitRecord look_through(const Scene *scene, const Camera *camera, uint x, uint y, uint seed)
+INLINED static HitRecord look_through(const Scene *scene, const Camera *camera, uint x, uint y, uint seed)
 {
     HitRecord hit = {NONE, INFINITY};
     trace_ray(scene, load3(camera->origin), load3(camera->origin_low), camera_ray(camera, x, y), &hit.t, &hit.triangle,

@@ -13,7 +13,7 @@ mkdir -p "$tools"
 ptxas=$tools/nvidia/cuda_nvcc/bin/ptxas
 if [[ ! -e $ptxas ]]; then
   command -v python3 >/dev/null || fail "python3 is missing; install it and its package pip"
-  python3 -m pip download -q --no-deps -d "$tools/wheels" nvidia-cuda-nvcc-cu12 ||
+  python3 -m pip download -q --no-deps -d "$tools/wheels" nvidia-cuda-nvcc-cu12==12.9.86 ||
     fail "NVIDIA's compiler cannot be fetched from PyPI (nvidia-cuda-nvcc-cu12); see what pip says above"
   python3 -m zipfile -e "$tools"/wheels/*.whl "$tools"
   rm -r "$tools/wheels"

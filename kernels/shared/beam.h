@@ -228,7 +228,7 @@ static bool enters(const Beam *b, const float8 planes[6], uint lane, ulong lit)
 }
 
 // The rays of a beam that hit anything.
-__attribute__((noinline)) static ulong trace_beam(const Scene *scene, const Beam *b, uint seed)
+CALLED static ulong trace_beam(const Scene *scene, const Beam *b, uint seed)
 {
     uint stack[STACK_SIZE];
     uint depth = 1;

@@ -318,7 +318,7 @@ static void visit_entry(const Scene *scene, float3 origin, float3 low, Block *b,
 }
 
 // Finds the nearest hits of a block's rays.
-__attribute__((noinline)) static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
+CALLED static void trace_block(const Scene *scene, float3 origin, float3 low, Block *b, uint seed)
 {
     BlockWalk w;
     begin_walk(b, &w);
@@ -328,7 +328,7 @@ __attribute__((noinline)) static void trace_block(const Scene *scene, float3 ori
 }
 
 // The same for several blocks, which take turns as streams do in `occluded_streams`.
-__attribute__((noinline)) static void trace_blocks(const Scene *scene, float3 origin, float3 low, Block *blocks, uint count, uint seed)
+CALLED static void trace_blocks(const Scene *scene, float3 origin, float3 low, Block *blocks, uint count, uint seed)
 {
     BlockWalk walks[BLOCKS];
     for (uint k = 0; k < count; ++k)

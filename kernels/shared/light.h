@@ -204,7 +204,7 @@ typedef struct {
 
 // Adds light by rays to the sun, to an emitter, and one of the mixture, which meets the next surface. Not for unlit
 // surfaces.
-__attribute__((noinline)) static void take_step(const Scene *scene, const Shading *shading, const Surface *s, float3 view,
+CALLED static void take_step(const Scene *scene, const Shading *shading, const Surface *s, float3 view,
                                                 uint seed, Step *step, uint *rays)
 {
     float3 f0 = specular_color(s), base = diffuse_color(s), origin = leave_surface(s);

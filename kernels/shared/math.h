@@ -1,5 +1,15 @@
 // Small helpers, and the packing that src/layout.rs documents.
 
+// Large functions that many places use are called on processors (see CALLS in src/trace/source.rs). On graphics cards what
+// traces is inlined: a scene whose address a called function gets would lie in memory, not in registers.
+#if CALLS
+#define CALLED __attribute__((noinline))
+#define INLINED
+#else
+#define CALLED
+#define INLINED __attribute__((always_inline))
+#endif
+
 // Contraction would break the exact antisymmetry of cross products that watertightness rests on;
 // fused operations are written out where they are wanted.
 #pragma OPENCL FP_CONTRACT OFF

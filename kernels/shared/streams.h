@@ -153,14 +153,14 @@ __attribute__((always_inline)) static void traverse_streams(const Scene *scene, 
 #endif
 
 // Finds the rays of each walker that hit anything.
-__attribute__((noinline)) static void occluded_streams(const Scene *scene, TraversalState *states, uint count)
+CALLED static void occluded_streams(const Scene *scene, TraversalState *states, uint count)
 {
     traverse_streams(scene, states, count, ANY);
 }
 
 // Finds the rays of each walker that hit something, and their nearest hits: t_max and triangle, which tells of others
 // whether they have met a surface from behind.
-__attribute__((noinline)) static void intersect_streams(const Scene *scene, TraversalState *states, uint count)
+CALLED static void intersect_streams(const Scene *scene, TraversalState *states, uint count)
 {
     traverse_streams(scene, states, count, CLOSEST_OR_BACK);
 }

@@ -367,7 +367,7 @@ static void add_layers(const Scene *scene, const Spot *spot, float3 d, float3 n,
 #endif
 
 // The surface where ray d from `origin` meets triangle `place`; `width` is the ray cone's width there.
-__attribute__((noinline)) static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
+CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
 {
     Surface s;
     Facet f = facet_of(scene, place, origin, low);

@@ -254,7 +254,7 @@ static bool passes_by_chance(float clear, uint seed, uint random) { return seed 
 
 // A surface with alpha lets this ray pass: below the cutoff, or by chance where it blends.
 // Light passes glass straight, as much as it lets through along its normal.
-__attribute__((noinline)) static bool alpha_passes(const Scene *scene, uint place, uint packed, float3 weights, float3 d, uint kind,
+CALLED INLINED static bool alpha_passes(const Scene *scene, uint place, uint packed, float3 weights, float3 d, uint kind,
                                                    uint seed)
 {
 #if HAS_GLASS
@@ -372,7 +372,7 @@ static bool intersect_leaf_once(const Scene *scene, float3 origin, float3 low, u
 }
 
 // Finds the nearest hit of one ray before *t_max, or whether there is any (ANY); true where there is one.
-__attribute__((noinline)) static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max,
+CALLED static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max,
                                                 uint *triangle, uint kind, uint seed)
 {
     float ix = safe_inverse(d.x), iy = safe_inverse(d.y), iz = safe_inverse(d.z);

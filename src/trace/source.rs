@@ -81,18 +81,25 @@ fn lanes_of_bits() -> String {
     format!("__constant ulong LANES_OF_BITS[256] = {{{}}};\n", entries.join(", "))
 }
 
-/// Build options for a device: every feature and the variant, always defined, whether to prefetch, and the depth of
-/// the kernels' stacks.
+/// Build options for a device: every feature and the variant, always defined, whether to prefetch, whether large
+/// functions are called rather than inlined (which takes graphics cards twice the registers, and processors' drivers
+/// less time to build), and the depth of the kernels' stacks.
 pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, traversal: Traversal) -> String {
-    options_with(features, tree_depth, traversal, prefetches(device))
+    options_with(features, tree_depth, traversal, prefetches(device), device.kind != "gpu")
 }
 
 /// The same for graphics cards, whose compilers need no card.
 pub fn options_of_gpus(features: &Features, tree_depth: u32) -> String {
-    options_with(features, tree_depth, Traversal::SingleRay, false)
+    options_with(features, tree_depth, Traversal::SingleRay, false, false)
 }
 
-fn options_with(features: &Features, tree_depth: u32, traversal: Traversal, prefetch: bool) -> String {
+fn options_with(
+    features: &Features,
+    tree_depth: u32,
+    traversal: Traversal,
+    prefetch: bool,
+    calls: bool,
+) -> String {
     let mut options = String::from("-cl-std=CL1.2");
     for (name, on) in features.defines() {
         options += &format!(" -D {name}={}", u32::from(on));
@@ -100,8 +107,13 @@ fn options_with(features: &Features, tree_depth: u32, traversal: Traversal, pref
     // Seven siblings wait at every level, and eight are written where some count. Rounded up, so that scenes
     // share built kernels.
     let entries = (tree_depth * 7 + 9).next_multiple_of(64);
-    let [single, prefetch] = [traversal == Traversal::SingleRay, prefetch].map(u32::from);
-    options + &format!(" -D SINGLE_RAYS={single} -D PREFETCH={prefetch} -D STACK_SIZE={entries}")
+    // A ray by itself has one entry for each level.
+    let levels = (tree_depth + 1).next_multiple_of(8);
+    let [single, prefetch, calls] = [traversal == Traversal::SingleRay, prefetch, calls].map(u32::from);
+    options
+        + &format!(
+            " -D SINGLE_RAYS={single} -D PREFETCH={prefetch} -D CALLS={calls} -D STACK_SIZE={entries} -D STACK_LEVELS={levels}"
+        )
 }
 
 /// Whether kernels may use a compiler's own prefetch: with PoCL on a processor, where it was measured to pay. It is no
