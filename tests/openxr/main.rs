@@ -182,7 +182,9 @@ fn a_service_that_dies_and_comes_back_is_waited_for() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
     let told = summary(&output.stdout);
-    assert_eq!((&told["frames"], &told["losses"]), (&json!(60), &json!(1)), "{told} {said}");
+    // A service that is just starting may take a session and lose it.
+    let losses = told["losses"].as_u64().unwrap();
+    assert!(told["frames"] == 60 && (1..=3).contains(&losses), "{told} {said}");
     assert!(said.contains("waiting for it to come back") && said.contains("is back"), "{said}");
     let counted = monado.calls("compositor_layer_sync");
     // The tenth picture may have been on its way when the service died: then nobody has counted it as shown. A board

@@ -140,6 +140,18 @@ pub fn check(log: &Log) {
     assert!(wrong.len() <= 1 + shown.len() / 20, "{wrong:#?}");
 }
 
+/// Tests read logs that are being written.
+#[test]
+fn a_line_that_is_not_whole_yet_is_left_out() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    for (text, whole) in
+        [("", 0), ("{\"ca", 0), ("{\"call\":\"a\"}\n", 1), ("{\"call\":\"a\"}\n{\"call\":\"b\"", 1)]
+    {
+        std::fs::write(file.path(), text).unwrap();
+        assert_eq!(Log::read(file.path()).0.len(), whole, "{text}");
+    }
+}
+
 /// Poses asked for long after the display, and before it, are found.
 #[test]
 fn wrong_times_are_found() {

@@ -101,7 +101,9 @@ impl Log {
         let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         let record =
             |line: &str| Record(serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}")));
-        Log(text.lines().map(record).collect())
+        // The last line may still be being written: a reader can see a part of it.
+        let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+        Log(whole.lines().map(record).collect())
     }
 
     /// All calls of one name.
