@@ -22,11 +22,26 @@ fn held(run: &Run, call: &str) -> Vec<[u64; 3]> {
     calls.iter().map(|r| ["fds", "threads", "memory_kib"].map(|key| r.0[key].as_u64().unwrap())).collect()
 }
 
-/// Whether later sessions hold more than those that came when all was warm; memory may creep by `slack` KiB.
-fn assert_steady(held: &[[u64; 3]], warm: usize, slack: u64) {
+/// Whether later sessions hold more than those that came when all was warm; memory may creep by `slack` KiB. Drivers
+/// take memory once for what was never needed before, such as a shader for the first late frame: the two largest
+/// steps do not count, while what each session leaves behind comes in many.
+fn assert_steady(held: &[[u64; 3]], warm: usize, slack: i64) {
     let (before, after) = (held[warm], held[held.len() - 1]);
     assert!(after[0] <= before[0] && after[1] <= before[1], "{held:?}");
-    assert!(after[2] <= before[2] + slack, "{held:?}");
+    let steps = held[warm..].windows(2).map(|pair| pair[1][2] as i64 - pair[0][2] as i64);
+    let mut steps: Vec<i64> = steps.collect();
+    steps.sort_unstable();
+    let crept: i64 = steps[..steps.len().saturating_sub(2)].iter().sum();
+    assert!(crept <= slack, "{crept} KiB: {held:?}");
+}
+
+#[test]
+fn what_each_session_leaves_behind_is_found() {
+    let held = |leak: u64, once: u64| -> Vec<[u64; 3]> {
+        (0..101).map(|at| [7, 14, 200_000 + leak * at + if at > 50 { once } else { 0 }]).collect()
+    };
+    assert_steady(&held(0, 32_000), 20, 6 << 10);
+    assert!(std::panic::catch_unwind(|| assert_steady(&held(175, 0), 20, 6 << 10)).is_err());
 }
 
 #[test]
