@@ -1,5 +1,6 @@
 // The picture's pixels from a view's, which are farther apart than these where the eye resolves less: bilinear between
 // their radiances. Around the gaze both are the same.
+//#include shared/cover.wgsl
 //#include shared/records.wgsl
 //#include shared/display.wgsl
 //#include shared/warp.wgsl
@@ -30,11 +31,6 @@ var<immediate> parameters: Parameters;
 // Of each pixel of the view the nearest sample, and the samples' positions.
 @group(0) @binding(3) var<storage, read> indices: array<u32>;
 @group(0) @binding(4) var<storage, read> positions: array<u32>;
-
-@vertex
-fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
-    return vec4(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0, 0.0, 1.0);
-}
 
 // The point of the view, in pixels from the centre of the first one, that shows a point of the picture.
 fn point_of_view(picture: vec2<f32>) -> vec2<f32> {

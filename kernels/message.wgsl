@@ -1,4 +1,5 @@
 // A picture of words: ink where a bit is set, paper elsewhere. See src/headset/message.rs.
+//#include shared/cover.wgsl
 
 struct Parameters {
     // As the target takes them.
@@ -12,11 +13,6 @@ var<immediate> parameters: Parameters;
 
 // Rows from the top, in bytes with the left pixel in the highest bit.
 @group(0) @binding(0) var<storage, read> bits: array<u32>;
-
-@vertex
-fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
-    return vec4(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0, 0.0, 1.0);
-}
 
 @fragment
 fn write(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {

@@ -1,4 +1,5 @@
 // A window's pixels from a picture: through lenses, or only scaled. See src/headset/panel/warp.rs.
+//#include shared/cover.wgsl
 
 struct Parameters {
     // Centre in the target, and units of radius for a pixel.
@@ -20,11 +21,6 @@ var<immediate> parameters: Parameters;
 
 // R8G8B8A8, rows from the top.
 @group(0) @binding(0) var<storage, read> picture: array<u32>;
-
-@vertex
-fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
-    return vec4(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0, 0.0, 1.0);
-}
 
 fn pixel(at: vec2<i32>) -> vec4<f32> {
     let inside = vec2<u32>(clamp(at, vec2(0), vec2<i32>(parameters.size) - vec2(1)));

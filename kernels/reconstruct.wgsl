@@ -1,4 +1,5 @@
 // Pixels from samples: a triangle that covers the target, and one fragment for each pixel.
+//#include shared/cover.wgsl
 //#include shared/records.wgsl
 //#include shared/display.wgsl
 //#include shared/warp.wgsl
@@ -59,11 +60,6 @@ var<immediate> parameters: Parameters;
 // How far apart the view's pixels are; where they are not even, `shade_pixels` makes them and kernels/magnify.wgsl the
 // picture's pixels from these.
 var<private> spacing: Spacing;
-
-@vertex
-fn cover(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4<f32> {
-    return vec4(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0, 0.0, 1.0);
-}
 
 fn view_pixel(position: vec4<f32>) -> vec2<u32> {
     return vec2<u32>(vec2<i32>(position.xy) + vec2(parameters.shift_x, parameters.shift_y));
