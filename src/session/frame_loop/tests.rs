@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use glam::{DQuat, DVec3};
 
 use super::*;
+use crate::frame::StageMs;
 use crate::headset::{Deadline, Gaze, HiddenMesh, Toggles};
 use crate::scene::generate::demo;
 
@@ -117,6 +118,8 @@ struct Notebook {
     clock: Rc<Cell<i64>>,
     /// Nanoseconds that tracing a view takes.
     cost: i64,
+    /// Pictures for which a driver builds kernels, which takes far longer than their rays.
+    building: usize,
     drawn: Vec<Drawn>,
     /// At which instants of the scene.
     instants: Vec<f64>,
@@ -149,8 +152,12 @@ impl Draw for Notebook {
             drawn.late.push(late(index));
         }
         self.clock.set(self.clock.get() + self.cost / 8);
+        let frame_ms = 2.0 * self.cost as f64 * 1e-6;
+        let rays = if self.drawn.len() < self.building { 0.1 } else { 0.6 };
+        let stages =
+            StageMs { trace: rays / 3.0 * frame_ms, shade: rays / 1.5 * frame_ms, ..StageMs::default() };
         self.drawn.push(drawn);
-        Ok(FrameReport { frame_ms: 2.0 * self.cost as f64 * 1e-6, ..FrameReport::default() })
+        Ok(FrameReport { frame_ms, stages, ..FrameReport::default() })
     }
 
     fn apply(&mut self, _: &Config) -> Result<()> {
@@ -260,6 +267,7 @@ fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut Wea
         notebook: Notebook {
             clock,
             cost,
+            building: 0,
             drawn: Vec::new(),
             instants: Vec::new(),
             applied: 0,
@@ -471,6 +479,21 @@ fn pictures_are_held_while_no_device_is_left() {
     assert_eq!((run.listener.shown.len(), run.listener.notes.len()), (2, 2), "{:?}", run.listener.notes);
     assert!(run.listener.notes[0].contains("is held") && run.listener.notes[1].contains("again"));
     assert_eq!(run.wearer.told, vec![run.listener.notes[0].clone(); 3], "the wearer is told the same");
+}
+
+/// A second picture is made where a driver built while the first one's rays waited, and only there.
+#[test]
+fn warming_up_ends_where_nothing_was_left_to_be_built() {
+    let config = per_eye();
+    for (building, most, made) in [(0, 2, 1), (1, 2, 2), (9, 2, 2), (9, 1, 1)] {
+        let mut run = frames(&config, PERIOD / 4, 0, |_| ());
+        run.notebook.building = building;
+        let mut frame_loop = FrameLoop::new(&config, &SCENE, Rig::in_place(), None, None);
+        let mut link =
+            Link { headset: &mut run.wearer, draw: &mut run.notebook, observer: &mut run.listener };
+        frame_loop.warm_up(&mut link, most).unwrap();
+        assert_eq!(run.notebook.drawn.len(), made, "{building} of {most}");
+    }
 }
 
 /// What is announced is told in one frame that shows nothing new, before the picture that it is about.
