@@ -22,10 +22,11 @@ chmod +x "$ptxas"
 
 # A program that its own C library's loader starts, and that finds what belongs to it.
 llvm=$tools_folder/usr/lib/llvm-18
-cat >"$tools/clang" <<END
-#!/bin/sh
-exec $tools_folder/loader --library-path $(cat "$tools_folder/paths"):$llvm/lib $llvm/bin/clang -resource-dir $llvm/lib/clang/18 "\$@"
-END
+{
+  echo '#!/bin/sh'
+  printf 'exec %q --library-path %q %q -resource-dir %q "$@"\n' "$tools_folder/loader" \
+    "$(cat "$tools_folder/paths"):$llvm/lib" "$llvm/bin/clang" "$llvm/lib/clang/18"
+} >"$tools/clang"
 chmod +x "$tools/clang"
 
 export CLANG=$tools/clang PTXAS=$ptxas
