@@ -1,76 +1,30 @@
 //! A frame on one page: [`Renderer::frame`].
 
+mod patterns;
+mod report;
+mod start;
+
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec2;
 
-use super::load::{Loaded, Step, fitting_environment, timed};
-use super::meter::{Meter, Metered};
+use super::meter::Meter;
 use super::scheduler::{DeviceShare, Scheduler};
 use super::stereo::{Cut, Plan};
-use crate::bvh::Parted;
-use crate::config::{Config, Method, Samples, WeightsConfig};
+use crate::config::{Config, Samples};
 use crate::error::Result;
-use crate::foveation::{BitMask, Law, Lens, Pattern, Workload, spaced};
-use crate::gpu::interop::{self, Shared, Sharing};
-use crate::gpu::opencl::Device;
+use crate::foveation::{BitMask, Law, Lens};
+use crate::gpu::interop::{Shared, Sharing};
 use crate::gpu::vulkan::{Context, Format, Image, Target};
 use crate::math::pose::Pose;
 use crate::math::view::View;
-use crate::reconstruct::{self, Frame, GuidedSettings, Mode, Overlay, Reconstruction, Reuse, Weights};
-use crate::scene::{Environment, Sun};
-use crate::trace::{self, Fleet, Job, MovingScene, SampleTarget, SceneData, SceneState};
-use crate::waiting::{self, Limits};
-
-/// What the finished picture's numbers are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Output {
-    /// Tone-mapped sRGB, four bytes a pixel.
-    Display,
-    /// Linear radiance, four floats a pixel.
-    Radiance,
-}
-
-/// Milliseconds of each stage of a frame, summed over its views.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct StageMs {
-    /// Bringing what moves to the frame's instant, before its first view.
-    #[serde(default)]
-    pub motion: f64,
-    /// Camera rays and, for guided reconstruction, what pixels see: device time of the slowest device.
-    pub trace: f64,
-    /// Shading with all light rays: device time of the slowest device.
-    pub shade: f64,
-    /// Keeping the cache of light: device time of the slowest device.
-    #[serde(default)]
-    pub light: f64,
-    /// Getting samples from OpenCL to Vulkan, on the slowest device.
-    pub share: f64,
-    /// Samples to pixels: device time.
-    pub reconstruct: f64,
-}
-
-/// What a frame did.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
-pub struct FrameReport {
-    /// Shaded samples.
-    pub samples: usize,
-    /// Traced rays.
-    pub rays: u64,
-    /// Samples dropped since their estimate was not finite.
-    pub dropped: u32,
-    /// New sample patterns that the frame made, since gaze or view had changed: milliseconds.
-    pub pattern_ms: f64,
-    /// Wall time from start to finished pixels, with what bringing things that move to its instant took before.
-    pub frame_ms: f64,
-    /// Stops by which its pictures were brightened, where exposure is automatic.
-    pub exposure: Option<f64>,
-    /// Where it went.
-    pub stages: StageMs,
-    /// What each OpenCL device did, in the order in which they were given.
-    pub devices: Vec<DeviceShare>,
-}
+use crate::reconstruct::{self, Frame, Overlay, Reconstruction};
+use crate::scene::Sun;
+use crate::trace::{self, Fleet, Job, MovingScene, SceneState};
+use patterns::TracedView;
+pub use report::{FrameReport, Output, StageMs};
+use start::{reconstruction_settings, trace_settings};
 
 /// The cache of light makes three steps for each view until it has made so many: light reaches what only many bounces
 /// light within half a second.
@@ -108,36 +62,6 @@ pub struct Renderer {
     image: Option<Image>,
 }
 
-/// One traced view's pattern and the memory that its samples travel in.
-struct TracedView {
-    key: PatternKey,
-    view: View,
-    pattern: Arc<Pattern>,
-    workload: Arc<Workload>,
-    sample_target: Arc<SampleTarget>,
-    /// How the results land there.
-    sharing: Sharing,
-}
-
-impl TracedView {
-    fn metered(&self) -> Metered<'_> {
-        Metered { sample_target: &self.sample_target, samples: &self.pattern.samples, width: self.view.width }
-    }
-}
-
-/// A pattern is made anew when one of these changes.
-#[derive(Clone, PartialEq)]
-struct PatternKey {
-    width: u32,
-    height: u32,
-    fov: crate::math::view::FieldOfView,
-    gaze: DVec2,
-    law: Law,
-    samples: Samples,
-    visibility_slope: f64,
-    hidden: Option<Arc<BitMask>>,
-}
-
 /// A view to trace, and where its pixels go.
 pub struct ViewRequest<'a> {
     /// The view.
@@ -152,113 +76,7 @@ pub struct ViewRequest<'a> {
     pub outputs: Vec<reconstruct::Output<'a>>,
 }
 
-impl ViewRequest<'_> {
-    fn key(&self, law: Law, samples: Samples, visibility_slope: f64) -> PatternKey {
-        let View { width, height, fov, .. } = self.view;
-        let (law, gaze, hidden) = (law.widened(self.widening), self.gaze, self.hidden.clone());
-        PatternKey { width, height, fov, gaze, law, samples, visibility_slope, hidden }
-    }
-}
-
 impl Renderer {
-    /// Uploads a scene and builds what its features require; tells what each step took.
-    ///
-    /// # Errors
-    /// Where a device refuses, or the scene does not fit it.
-    pub fn new(
-        device: &Device,
-        context: &Context,
-        loaded: &Loaded,
-        config: &Config,
-        output: Output,
-    ) -> Result<(Self, Vec<Step>)> {
-        Self::with_devices(std::slice::from_ref(device), context, loaded, config, output)
-    }
-
-    /// The same with several devices that trace together, at least one. The first may share memory with the
-    /// one that presents; those that cannot be used are left out, and [`Renderer::take_notes`] tells why.
-    ///
-    /// # Errors
-    /// Where no device can be used.
-    pub fn with_devices(
-        devices: &[Device],
-        context: &Context,
-        loaded: &Loaded,
-        config: &Config,
-        output: Output,
-    ) -> Result<(Self, Vec<Step>)> {
-        let probe = || Ok(devices.first().map_or(Sharing::Staged, |device| probe(device, context)));
-        let (sharing, probe_step) = timed("sharing probe", probe)?;
-        let (fleet, fleet_step) =
-            timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
-        let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
-        let scheduler = Scheduler::new(fleet, direct);
-        let (renderer, shaders_step) = Self::with_scheduler(scheduler, context, loaded, config, output)?;
-        Ok((renderer, vec![fleet_step, shaders_step, probe_step]))
-    }
-
-    /// Like [`Renderer::new`], with samples shared in a given way: [`Sharing::Staged`] works everywhere,
-    /// [`Sharing::ZeroCopy`] only where [`interop::probe`] has found that it does.
-    ///
-    /// # Errors
-    /// Where a device refuses, or the scene does not fit it.
-    pub fn with_sharing(
-        device: &Device,
-        context: &Context,
-        loaded: &Loaded,
-        config: &Config,
-        output: Output,
-        sharing: Sharing,
-    ) -> Result<(Self, Vec<Step>)> {
-        let direct = Some(device.clone()).filter(|_| sharing == Sharing::ZeroCopy);
-        let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
-        let made = Self::with_scheduler(Scheduler::new(fleet, direct), context, loaded, config, output)?;
-        Ok((made.0, vec![made.1]))
-    }
-
-    /// With devices that have the scene already.
-    ///
-    /// # Errors
-    /// Where the presenting device refuses.
-    pub fn with_scheduler(
-        scheduler: Scheduler,
-        context: &Context,
-        loaded: &Loaded,
-        config: &Config,
-        output: Output,
-    ) -> Result<(Self, Step)> {
-        let (reconstruction, shaders_step) =
-            timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
-        let mut renderer = Renderer {
-            scheduler,
-            reconstruction,
-            context: context.clone(),
-            law: config.foveation.law,
-            lenses: Vec::new(),
-            samples: config.foveation.samples,
-            visibility_slope: config.foveation.visibility_slope,
-            settings: trace_settings(config),
-            rays_with_history: config.time.rays,
-            overlay: config.view.overlay,
-            fixed_stops: config.view.exposure.fixed() as f32,
-            meter: Meter::new(&config.view, output),
-            sun: loaded.environment.sun,
-            least_expected: least_expected(&loaded.environment),
-            output,
-            light: 0,
-            light_steps: 1,
-            moving: (loaded.parted.as_ref())
-                .and_then(|parted| MovingScene::new(&loaded.scene, &loaded.bvh, parted)),
-            speed: config.scene.speed,
-            state: None,
-            motion_ms: 0.0,
-            views: Vec::new(),
-            image: None,
-        };
-        renderer.show_at(0.0);
-        Ok((renderer, shaders_step))
-    }
-
     /// Renders one frame into the renderer's picture. `gaze` has a point for each traced view, in 0..1
     /// of it; a missing one is the view's optical centre.
     ///
@@ -398,76 +216,6 @@ impl Renderer {
         self.reconstruction.submit(index, &frame)
     }
 
-    /// Makes a new pattern where gaze or view have changed; tells how long that took.
-    fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
-        let key = request.key(self.law, self.samples, self.slope());
-        if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
-            return Ok(0.0);
-        }
-        let start = Instant::now();
-        let view = &self.spaced(request);
-        let (law, count) = match self.samples {
-            Samples::Full => (Law::Full, view.pixels()),
-            samples => (key.law, samples.of(request.view.pixels())),
-        };
-        let pattern = match (self.lenses.get(index), &request.hidden) {
-            (Some(lens), _) => Pattern::through(view, &law, request.gaze, count, lens),
-            (None, Some(hidden)) => Pattern::with_mask(view, &law, request.gaze, count, hidden),
-            (None, None) => Pattern::new(view, &law, request.gaze, count),
-        };
-        self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
-        self.take_pattern(index, key, *view, pattern)?;
-        self.reconstruction.wait_pattern(index)?;
-        Ok(start.elapsed().as_secs_f64() * 1e3)
-    }
-
-    /// How fast camera rays fall off: not where all pixels count alike, or pictures are averaged to be exact.
-    fn slope(&self) -> f64 {
-        let alike = matches!(self.law, Law::Uniform | Law::Full) || self.samples == Samples::Full;
-        if alike || !self.settings.guided || self.settings.jitter { 0.0 } else { self.visibility_slope }
-    }
-
-    /// A view with the pixels that the eye needs, at least as many as there are samples.
-    fn spaced(&self, request: &ViewRequest) -> View {
-        let view = spaced(&request.view, request.gaze, self.slope(), request.widening);
-        let samples = self.samples.of(request.view.pixels());
-        if (samples..=self.reconstruction.most_pixels()).contains(&view.pixels()) {
-            view
-        } else {
-            request.view
-        }
-    }
-
-    /// Gives a view a new pattern, in the memory of the old one where that is large enough.
-    fn take_pattern(&mut self, index: usize, key: PatternKey, view: View, pattern: Pattern) -> Result<()> {
-        let count = pattern.samples.len();
-        let (workload, sharing) = (Workload::new(&pattern, self.settings.guided), self.sharing());
-        let old = self.views.get(index).filter(|old| {
-            old.sample_target.samples.len() >= count
-                && old.sample_target.visibility.as_ref().is_none_or(|v| v.len() >= view.pixels())
-                && old.sharing == sharing
-        });
-        let sample_target = match old {
-            Some(old) => old.sample_target.clone(),
-            None => {
-                let (direct, context) = (self.scheduler.direct(), &self.context);
-                // A gaze that moves needs a few more pixels here and there.
-                let pixels = if view.spacing.is_even() { view.pixels() } else { view.pixels() / 4 * 5 };
-                let shared = || Shared::new(direct, context, pixels);
-                let visibility = self.settings.guided.then(shared).transpose()?;
-                Arc::new(SampleTarget { samples: Shared::new(direct, context, count)?, visibility })
-            }
-        };
-        let (pattern, workload) = (Arc::new(pattern), Arc::new(workload));
-        let view = TracedView { key, view, pattern, workload, sample_target, sharing };
-        if index < self.views.len() {
-            self.views[index] = view;
-        } else {
-            self.views.push(view);
-        }
-        Ok(())
-    }
-
     /// The renderer's own picture, made anew where the plan's size has changed.
     fn prepare_image(&mut self, plan: &Plan) -> Result<Target> {
         let fits =
@@ -600,63 +348,5 @@ impl Renderer {
     /// Camera rays go through random points of their pixels from now on, or through their centres.
     pub fn set_jitter(&mut self, jitter: bool) {
         self.settings.jitter = jitter;
-    }
-}
-
-/// How samples cross; copies where the drivers do not answer.
-fn probe(device: &Device, context: &Context) -> Sharing {
-    let (who, of, context) = (device.info().name.clone(), device.clone(), context.clone());
-    let asked = waiting::ask("OpenCL", &who, Limits::BUILDING, move || interop::probe(&of, &context));
-    asked.unwrap_or(Sharing::Staged)
-}
-
-/// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.
-fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
-    let environment = fitting_environment(&loaded.environment, devices);
-    let mut data = SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?;
-    data.depth = loaded.parted.as_ref().map_or(data.depth, Parted::depth);
-    let data = Arc::new(data);
-    let walking = |device: &Device| {
-        let choice = config.trace.traversal.on(device);
-        // What does not fit says so when it is opened; no kernel is to blame.
-        let fits = data.check_fit(device, choice.traversals).is_ok();
-        let traversals =
-            if fits { choice.for_frames(device, &data.features, data.depth) } else { Ok(choice.traversals) };
-        (device.clone(), traversals)
-    };
-    Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
-}
-
-/// A fiftieth of the map's mean radiance.
-fn least_expected(map: &Environment) -> f32 {
-    let sum: f64 = map.texels.iter().map(|texel| f64::from(texel.element_sum())).sum();
-    ((sum / (150 * map.texels.len().max(1)) as f64) as f32).clamp(1e-6, 1e6)
-}
-
-fn trace_settings(config: &Config) -> trace::Settings {
-    trace::Settings {
-        rays: config.trace.rays,
-        bounces: config.trace.bounces,
-        cached: config.uses_cache(),
-        edge_rays: config.trace.edge_rays,
-        guided: config.reconstruction.method == Method::Guided,
-        seed: config.trace.seed,
-        jitter: false,
-    }
-}
-
-fn reconstruction_settings(config: &Config) -> reconstruct::Settings {
-    reconstruct::Settings {
-        mode: match config.reconstruction.method {
-            Method::KNearest => Mode::KNearest,
-            Method::Guided => Mode::Guided(GuidedSettings::default()),
-        },
-        k: config.reconstruction.k,
-        weights: match config.reconstruction.weights {
-            WeightsConfig::Shepard => Weights::Shepard,
-            WeightsConfig::Gaussian => Weights::Gaussian,
-            WeightsConfig::Inverse => Weights::Inverse,
-        },
-        reuse: config.time.reuse.then_some(Reuse { frames: config.time.frames, eyes: config.time.eyes }),
     }
 }

@@ -3,9 +3,10 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
+use super::parameters::{PackedSpacing, Rays, rays};
 use super::reprojection::projection;
+use super::shaders;
 use super::tables::Tables;
-use super::{PackedSpacing, Rays, rays, shaders};
 use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};
 use crate::layout::SampleRecord;

@@ -6,8 +6,9 @@ use std::collections::hash_map::Entry;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::parameters::{PixelParameters, Rays, encoding};
 use super::tables::Tables;
-use super::{Frame, NEAREST_DEPTH, Output, PixelParameters, Rays, encoding, shaders};
+use super::{Frame, NEAREST_DEPTH, Output, shaders};
 use crate::error::Result;
 use crate::gpu::vulkan::{
     Attachments, BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, PassPipeline,

@@ -3,7 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec2, DVec3};
 
-use super::{Overlay, PackedSpacing, Rays, rays};
+use super::Overlay;
+use super::parameters::{PackedSpacing, Rays, rays};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 

@@ -1,7 +1,7 @@
 //! The SPIR-V that the build made of `kernels/*.wgsl`.
 
 use super::magnify::MagnifyParameters;
-use super::{FilterParameters, PixelParameters};
+use super::parameters::{FilterParameters, PixelParameters};
 use crate::gpu::vulkan::Shader;
 use crate::reconstruct::history::AccumulateParameters;
 use crate::reconstruct::tables::NeighbourParameters;

@@ -1,7 +1,9 @@
 //! Pictures of small patterns whose right answer is known.
 
+use glam::DVec2;
+
 use super::*;
-use crate::gpu::vulkan::{Format, Image, testing};
+use crate::gpu::vulkan::{Encoding, Format, Image, Rect, testing};
 use crate::layout::{pack_emission, pack_normal24, pack_surface};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;

@@ -1,31 +1,27 @@
 //! Kernels and buffers of one device, and a view's samples traced on it.
 
+mod camera;
+mod launch;
+mod pattern;
+mod programs;
+
 use crate::bvh::WideBvh;
 use crate::error::Result;
+use crate::foveation::Pattern;
 use crate::foveation::workload::{Part, TILE_PIXELS};
-use crate::foveation::{Pattern, pattern::TILE};
-use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
-use crate::isolated;
-use crate::layout::{self, HitRecord, MEET_BLENDS, SampleRecord, UNTRACED, VisibilityRecord};
+use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel};
+use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::light_cache::LightCache;
-use super::source;
 use super::{SceneBuffers, SceneData, SceneState, Traversal, Traversals};
-
-/// Work-items of `trace_pixels`, `describe_pixels` and `share_edges` for a tile: `BLOCKS_PER_TILE` of tiles.h.
-pub(super) const BLOCKS_PER_TILE: usize = 4;
-/// Where a tile's number says which of its blocks are left out: `LEFT_OUT_SHIFT` of tiles.h.
-const LEFT_OUT_SHIFT: u32 = 28;
-/// A tile's blocks, one bit each, row by row.
-const ALL_BLOCKS: u32 = 0b1111;
-/// Which blocks of a tile's neighbours touch it: of those to its left, in its column, to its right; of those above
-/// it, in its row, below.
-const LEFT_RIGHT: [u32; 3] = [0b1010, ALL_BLOCKS, 0b0101];
-const UPPER_LOWER: [u32; 3] = [0b1100, ALL_BLOCKS, 0b0011];
-/// Work-items of `pack_visibility` for a tile: its rows.
-const ROWS_PER_TILE: usize = TILE as usize;
+pub use camera::camera;
+pub(super) use pattern::BLOCKS_PER_TILE;
+use pattern::ROWS_PER_TILE;
+pub use pattern::TracePattern;
+pub(super) use programs::Programs;
+pub use programs::try_kernels;
 
 /// How samples are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,94 +84,12 @@ pub struct Tracer {
     alphas: Buffer<u8>,
 }
 
-/// A view's samples and tiles in a device's memory.
-#[derive(Debug)]
-pub struct TracePattern {
-    pub(super) samples: Buffer<u32>,
-    tiles: Buffer<u32>,
-    order: Vec<u32>,
-    tiles_x: u32,
-    whole: Part,
-}
-
-impl TracePattern {
-    /// The blocks that touch tiles which parts that follow each other deliver, and that none of them traces: the
-    /// blocks' tiles, each with those of its blocks left out that touch none, and how many blocks there are.
-    fn ring(&self, parts: &[Part]) -> (Vec<u32>, u32) {
-        let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return (Vec::new(), 0) };
-        let (across, down) = (self.tiles_x, self.order.len() as u32 / self.tiles_x.max(1));
-        let mut traced = vec![false; self.order.len()];
-        let order = |from: u32| &self.order[from as usize..last.tiles.end as usize];
-        order(first.first_traced).iter().for_each(|&tile| traced[tile as usize] = true);
-        let mut wanted: Vec<u32> = vec![0; self.order.len()];
-        let mut ring = Vec::new();
-        for &tile in order(first.tiles.start) {
-            let (tile_x, tile_y) = (tile % across, tile / across);
-            for y in tile_y.saturating_sub(1)..(tile_y + 2).min(down) {
-                for x in tile_x.saturating_sub(1)..(tile_x + 2).min(across) {
-                    let next = y * across + x;
-                    if traced[next as usize] {
-                        continue;
-                    }
-                    let blocks = &mut wanted[next as usize];
-                    if *blocks == 0 {
-                        ring.push(next);
-                    }
-                    *blocks |= LEFT_RIGHT[(x + 1 - tile_x) as usize] & UPPER_LOWER[(y + 1 - tile_y) as usize];
-                }
-            }
-        }
-        let count = ring.iter().map(|&tile| wanted[tile as usize].count_ones()).sum();
-        ring.iter_mut().for_each(|tile| *tile |= (!wanted[*tile as usize] & ALL_BLOCKS) << LEFT_OUT_SHIFT);
-        (ring, count)
-    }
-}
-
 /// Work under way: events whose times are read when the device has finished.
 #[derive(Debug)]
 pub struct InFlight {
     /// Each part's camera rays and visibility, and its shading.
     parts: Vec<(Vec<Event>, Event)>,
     camera_rays: u64,
-}
-
-/// Built kernels of the variants that a device uses.
-pub(super) struct Programs {
-    traversals: Traversals,
-    pixels: Program,
-    /// Exists where it is another variant.
-    bundles: Option<Program>,
-}
-
-impl Programs {
-    fn build(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> Result<Programs> {
-        Self::build_text(device, &source::text(), features, depth, traversals)
-    }
-
-    /// Builds kernels from a text that may be another one than [`source::text`].
-    pub(super) fn build_text(
-        device: &Device,
-        text: &str,
-        features: &Features,
-        depth: u32,
-        traversals: Traversals,
-    ) -> Result<Programs> {
-        let options = |traversal| source::options(device.info(), features, depth, traversal);
-        let build = |traversal| Program::build(device, "foveate", text, &options(traversal));
-        let bundles =
-            (traversals.bundles != traversals.pixels).then(|| build(traversals.bundles)).transpose()?;
-        Ok(Programs { traversals, pixels: build(traversals.pixels)?, bundles })
-    }
-
-    /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
-    fn largest_stack(&self) -> Result<u64> {
-        let mut kernels = Vec::new();
-        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"] {
-            kernels.push(self.pixels.kernel(name)?);
-        }
-        kernels.push(self.bundles.as_ref().unwrap_or(&self.pixels).kernel("shade_samples")?);
-        Ok(kernels.iter().map(Kernel::private_bytes).max().unwrap_or(0))
-    }
 }
 
 impl Tracer {
@@ -440,220 +354,11 @@ impl Tracer {
         self.hits.read(&mut hits)?;
         Ok(hits)
     }
-
-    /// Traces and describes the pixels of all parts, and of the ring of blocks around them where edges want to
-    /// know their neighbours. The events of each part, and how many camera rays there were.
-    fn trace_tiles(
-        &self,
-        camera: &layout::Camera,
-        shading: &layout::Shading,
-        edge_rays: u32,
-        pattern: &TracePattern,
-        parts: &[Part],
-        records: &Buffer<VisibilityRecord>,
-    ) -> Result<(Vec<Vec<Event>>, u64)> {
-        let starts = parts.iter().enumerate().map(|(index, part)| match index {
-            0 => part.first_traced,
-            _ => part.tiles.start,
-        });
-        let (mut events, mut traced) = (Vec::with_capacity(parts.len()), 0);
-        for (part, first) in parts.iter().zip(starts) {
-            let count = part.tiles.end - first;
-            traced += count * TILE_PIXELS;
-            events.push(self.describe(camera, shading, edge_rays, &pattern.tiles, first, count, records)?);
-        }
-        if edge_rays > 0 {
-            let (ring, blocks) = pattern.ring(parts);
-            if !ring.is_empty() {
-                traced += blocks * TILE_PIXELS / BLOCKS_PER_TILE as u32;
-                let list = Buffer::from_slice(&self.device, &ring)?;
-                let around =
-                    self.describe(camera, shading, edge_rays, &list, 0, ring.len() as u32, records)?;
-                events[0].extend(around);
-            }
-            for (part, events) in parts.iter().zip(&mut events) {
-                events.push(self.share_edges(camera, edge_rays, pattern, part, records)?);
-                if self.may_blend {
-                    events.push(self.share_blends(camera, pattern, part, records)?);
-                }
-            }
-        }
-        let pixels = u64::from(camera.width) * u64::from(camera.height);
-        Ok((events, u64::from(traced).min(pixels)))
-    }
-
-    /// Finds the hits of the pixels of tiles `first..first + count` of a list, and describes them. Where neighbours
-    /// are known, as edges need them, BLEND surfaces are shared between pixels.
-    #[allow(clippy::too_many_arguments)]
-    fn describe(
-        &self,
-        camera: &layout::Camera,
-        shading: &layout::Shading,
-        edge_rays: u32,
-        list: &Buffer<u32>,
-        first: u32,
-        count: u32,
-        records: &Buffer<VisibilityRecord>,
-    ) -> Result<Vec<Event>> {
-        let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
-        let group = self.traversals.pixels.group();
-        let items = self.traversals.pixels.items_of_blocks(count as usize * BLOCKS_PER_TILE);
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.push(Arg::value(camera));
-        args.extend(tiles);
-        args.push(Arg::buffer(&self.hits));
-        let blends = self.may_blend && edge_rays > 0;
-        args.push(Arg::U32(if blends { MEET_BLENDS } else { camera.seed }));
-        let mut events = vec![self.trace_pixels.launch(&args, items, group)?];
-        if blends {
-            args.pop();
-            args.push(Arg::buffer(&self.alphas));
-            events.push(self.settle_blends.launch(&args, items, group)?);
-        }
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.extend([Arg::value(camera), Arg::value(shading)]);
-        args.extend(tiles);
-        args.extend([Arg::buffer(&self.hits), Arg::buffer(records), Arg::buffer(&self.counters)]);
-        events.push(self.describe_pixels.launch(&args, items, group)?);
-        Ok(events)
-    }
-
-    /// Launches a kernel over the pixels of a part's own tiles.
-    fn launch_pixels(&self, kernel: &Kernel, args: &[Arg<'_>], part: &Part) -> Result<Event> {
-        let traversal = self.traversals.pixels;
-        kernel.launch(args, traversal.items_of_blocks(part.tiles.len() * BLOCKS_PER_TILE), traversal.group())
-    }
-
-    fn share_blends(
-        &self,
-        camera: &layout::Camera,
-        pattern: &TracePattern,
-        part: &Part,
-        records: &Buffer<VisibilityRecord>,
-    ) -> Result<Event> {
-        let args = [
-            Arg::value(camera),
-            Arg::buffer(&pattern.tiles),
-            Arg::U32(part.tiles.start),
-            Arg::U32(part.tiles.len() as u32),
-            Arg::buffer(&self.alphas),
-            Arg::buffer(records),
-        ];
-        self.launch_pixels(&self.share_blends, &args, part)
-    }
-
-    fn share_edges(
-        &self,
-        camera: &layout::Camera,
-        rays: u32,
-        pattern: &TracePattern,
-        part: &Part,
-        records: &Buffer<VisibilityRecord>,
-    ) -> Result<Event> {
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.extend([
-            Arg::value(camera),
-            Arg::U32(rays),
-            Arg::buffer(&pattern.tiles),
-            Arg::U32(part.tiles.start),
-            Arg::U32(part.tiles.len() as u32),
-            Arg::buffer(&self.hits),
-            Arg::buffer(records),
-            Arg::buffer(&self.counters),
-        ]);
-        self.launch_pixels(&self.share_edges, &args, part)
-    }
-
-    fn trace_only_samples(
-        &self,
-        camera: &layout::Camera,
-        pattern: &TracePattern,
-        part: &Part,
-    ) -> Result<Event> {
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.extend([
-            Arg::value(camera),
-            Arg::buffer(&pattern.samples),
-            Arg::U32(part.samples.start),
-            Arg::U32(part.samples.len() as u32),
-            Arg::buffer(&self.hits),
-        ]);
-        let traversal = self.traversals.pixels;
-        let items = traversal.items_of_samples(part.samples.len(), &self.device);
-        self.trace_samples.launch(&args, items, traversal.group_of_streams())
-    }
-
-    fn shade(
-        &self,
-        camera: &layout::Camera,
-        shading: &layout::Shading,
-        pattern: &TracePattern,
-        part: &Part,
-        visibility: Option<&Buffer<VisibilityRecord>>,
-        samples: &Buffer<SampleRecord>,
-    ) -> Result<Event> {
-        let mut args = self.scene.args(self.traversals.bundles);
-        args.extend([
-            Arg::value(camera),
-            Arg::value(shading),
-            Arg::buffer(&pattern.samples),
-            Arg::U32(part.samples.start),
-            Arg::U32(part.samples.len() as u32),
-            Arg::buffer(&self.hits),
-            visibility.map_or(Arg::NONE, Arg::buffer),
-            Arg::buffer(samples),
-        ]);
-        args.extend(self.light.args());
-        args.push(Arg::buffer(&self.counters));
-        let traversal = self.traversals.bundles;
-        let items = traversal.items_of_streams(part.samples.len(), &self.device);
-        self.shade_samples.launch(&args, items, traversal.group_of_streams())
-    }
 }
 
 /// Hits that nothing was traced for: a kernel that reads one by mistake finds no triangle to follow.
 fn untraced(device: &Device, count: usize) -> Result<Buffer<HitRecord>> {
     Buffer::from_slice(device, &vec![HitRecord { triangle: UNTRACED, t: 0.0 }; count])
-}
-
-/// Builds the variants of the kernels for `features` and trees of `depth` levels, and has the device show that they
-/// work.
-///
-/// # Errors
-/// As [`Tracer::open`], but for the scene.
-pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> Result<()> {
-    isolated::stage("building the kernels of frames");
-    let programs = Programs::build(device, features, depth, traversals)?;
-    isolated::stage("tracing the self-test");
-    super::self_test::run(device, &programs)
-}
-
-/// A view as kernels see it. The eye's position is split in two floats, so that a head far from the
-/// anchor still moves smoothly.
-pub fn camera(view: &View, anchor: glam::DVec3, settings: &Settings) -> layout::Camera {
-    let rotation = glam::DMat3::from_quat(view.world_from_eye.rotation);
-    let eye = view.world_from_eye.position - anchor;
-    let high = eye.as_vec3();
-    let low = (eye - high.as_dvec3()).as_vec3();
-    let picture = view.picture();
-    let corner = picture.eye_direction(glam::DVec2::ZERO);
-    let far = picture.eye_direction(glam::DVec2::new(f64::from(picture.width), f64::from(picture.height)));
-    let pad = |v: glam::Vec3| [v.x, v.y, v.z, 0.0];
-    layout::Camera {
-        rotation: [rotation.x_axis, rotation.y_axis, rotation.z_axis].map(|axis| pad(axis.as_vec3())),
-        origin: pad(high),
-        origin_low: pad(low),
-        corner: [corner.x as f32, corner.y as f32],
-        step: [
-            ((far.x - corner.x) / f64::from(picture.width)) as f32,
-            ((far.y - corner.y) / f64::from(picture.height)) as f32,
-        ],
-        spacing: [view.spacing.columns.packed(0.0), view.spacing.rows.packed(0.0)],
-        width: view.width,
-        height: view.height,
-        seed: settings.seed,
-        jitter: u32::from(settings.jitter),
-    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,126 @@
+//! Each view's sample pattern: made anew where gaze or view have changed, in the memory of the one before where that is
+//! large enough.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec2;
+
+use super::{Renderer, ViewRequest};
+use crate::config::Samples;
+use crate::error::Result;
+use crate::foveation::{BitMask, Law, Pattern, Workload, spaced};
+use crate::frame::meter::Metered;
+use crate::gpu::interop::{Shared, Sharing};
+use crate::math::view::{FieldOfView, View};
+use crate::trace::SampleTarget;
+
+/// One traced view's pattern and the memory that its samples travel in.
+pub(super) struct TracedView {
+    key: PatternKey,
+    pub(super) view: View,
+    pub(super) pattern: Arc<Pattern>,
+    pub(super) workload: Arc<Workload>,
+    pub(super) sample_target: Arc<SampleTarget>,
+    /// How the results land there.
+    sharing: Sharing,
+}
+
+impl TracedView {
+    pub(super) fn metered(&self) -> Metered<'_> {
+        Metered { sample_target: &self.sample_target, samples: &self.pattern.samples, width: self.view.width }
+    }
+}
+
+/// A pattern is made anew when one of these changes.
+#[derive(Clone, PartialEq)]
+struct PatternKey {
+    width: u32,
+    height: u32,
+    fov: FieldOfView,
+    gaze: DVec2,
+    law: Law,
+    samples: Samples,
+    visibility_slope: f64,
+    hidden: Option<Arc<BitMask>>,
+}
+
+impl ViewRequest<'_> {
+    fn key(&self, law: Law, samples: Samples, visibility_slope: f64) -> PatternKey {
+        let View { width, height, fov, .. } = self.view;
+        let (law, gaze, hidden) = (law.widened(self.widening), self.gaze, self.hidden.clone());
+        PatternKey { width, height, fov, gaze, law, samples, visibility_slope, hidden }
+    }
+}
+
+impl Renderer {
+    /// Makes a new pattern where gaze or view have changed; tells how long that took.
+    pub(super) fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
+        let key = request.key(self.law, self.samples, self.slope());
+        if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
+            return Ok(0.0);
+        }
+        let start = Instant::now();
+        let view = &self.spaced(request);
+        let (law, count) = match self.samples {
+            Samples::Full => (Law::Full, view.pixels()),
+            samples => (key.law, samples.of(request.view.pixels())),
+        };
+        let pattern = match (self.lenses.get(index), &request.hidden) {
+            (Some(lens), _) => Pattern::through(view, &law, request.gaze, count, lens),
+            (None, Some(hidden)) => Pattern::with_mask(view, &law, request.gaze, count, hidden),
+            (None, None) => Pattern::new(view, &law, request.gaze, count),
+        };
+        self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
+        self.take_pattern(index, key, *view, pattern)?;
+        self.reconstruction.wait_pattern(index)?;
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// How fast camera rays fall off: not where all pixels count alike, or pictures are averaged to be exact.
+    fn slope(&self) -> f64 {
+        let alike = matches!(self.law, Law::Uniform | Law::Full) || self.samples == Samples::Full;
+        if alike || !self.settings.guided || self.settings.jitter { 0.0 } else { self.visibility_slope }
+    }
+
+    /// A view with the pixels that the eye needs, at least as many as there are samples.
+    fn spaced(&self, request: &ViewRequest) -> View {
+        let view = spaced(&request.view, request.gaze, self.slope(), request.widening);
+        let samples = self.samples.of(request.view.pixels());
+        if (samples..=self.reconstruction.most_pixels()).contains(&view.pixels()) {
+            view
+        } else {
+            request.view
+        }
+    }
+
+    /// Gives a view a new pattern, in the memory of the old one where that is large enough.
+    fn take_pattern(&mut self, index: usize, key: PatternKey, view: View, pattern: Pattern) -> Result<()> {
+        let count = pattern.samples.len();
+        let (workload, sharing) = (Workload::new(&pattern, self.settings.guided), self.sharing());
+        let old = self.views.get(index).filter(|old| {
+            old.sample_target.samples.len() >= count
+                && old.sample_target.visibility.as_ref().is_none_or(|v| v.len() >= view.pixels())
+                && old.sharing == sharing
+        });
+        let sample_target = match old {
+            Some(old) => old.sample_target.clone(),
+            None => {
+                let (direct, context) = (self.scheduler.direct(), &self.context);
+                // A gaze that moves needs a few more pixels here and there.
+                let pixels = if view.spacing.is_even() { view.pixels() } else { view.pixels() / 4 * 5 };
+                let shared = || Shared::new(direct, context, pixels);
+                let visibility = self.settings.guided.then(shared).transpose()?;
+                Arc::new(SampleTarget { samples: Shared::new(direct, context, count)?, visibility })
+            }
+        };
+        let (pattern, workload) = (Arc::new(pattern), Arc::new(workload));
+        let view = TracedView { key, view, pattern, workload, sample_target, sharing };
+        if index < self.views.len() {
+            self.views[index] = view;
+        } else {
+            self.views.push(view);
+        }
+        Ok(())
+    }
+}

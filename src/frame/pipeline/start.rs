@@ -1,0 +1,176 @@
+//! A renderer made ready: devices with the scene, the way in which samples cross, shaders, and the settings of both.
+
+use std::sync::Arc;
+
+use super::{Output, Renderer};
+use crate::bvh::Parted;
+use crate::config::{Config, Method, WeightsConfig};
+use crate::error::Result;
+use crate::frame::load::{Loaded, Step, fitting_environment, timed};
+use crate::frame::meter::Meter;
+use crate::frame::scheduler::Scheduler;
+use crate::gpu::interop::{self, Sharing};
+use crate::gpu::opencl::Device;
+use crate::gpu::vulkan::Context;
+use crate::reconstruct::{self, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
+use crate::scene::Environment;
+use crate::trace::{self, Fleet, MovingScene, SceneData};
+use crate::waiting::{self, Limits};
+
+impl Renderer {
+    /// Uploads a scene and builds what its features require; tells what each step took.
+    ///
+    /// # Errors
+    /// Where a device refuses, or the scene does not fit it.
+    pub fn new(
+        device: &Device,
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+    ) -> Result<(Self, Vec<Step>)> {
+        Self::with_devices(std::slice::from_ref(device), context, loaded, config, output)
+    }
+
+    /// The same with several devices that trace together, at least one. The first may share memory with the
+    /// one that presents; those that cannot be used are left out, and [`Renderer::take_notes`] tells why.
+    ///
+    /// # Errors
+    /// Where no device can be used.
+    pub fn with_devices(
+        devices: &[Device],
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+    ) -> Result<(Self, Vec<Step>)> {
+        let probe = || Ok(devices.first().map_or(Sharing::Staged, |device| probe(device, context)));
+        let (sharing, probe_step) = timed("sharing probe", probe)?;
+        let (fleet, fleet_step) =
+            timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
+        let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
+        let scheduler = Scheduler::new(fleet, direct);
+        let (renderer, shaders_step) = Self::with_scheduler(scheduler, context, loaded, config, output)?;
+        Ok((renderer, vec![fleet_step, shaders_step, probe_step]))
+    }
+
+    /// Like [`Renderer::new`], with samples shared in a given way: [`Sharing::Staged`] works everywhere,
+    /// [`Sharing::ZeroCopy`] only where [`interop::probe`] has found that it does.
+    ///
+    /// # Errors
+    /// Where a device refuses, or the scene does not fit it.
+    pub fn with_sharing(
+        device: &Device,
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+        sharing: Sharing,
+    ) -> Result<(Self, Vec<Step>)> {
+        let direct = Some(device.clone()).filter(|_| sharing == Sharing::ZeroCopy);
+        let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
+        let made = Self::with_scheduler(Scheduler::new(fleet, direct), context, loaded, config, output)?;
+        Ok((made.0, vec![made.1]))
+    }
+
+    /// With devices that have the scene already.
+    ///
+    /// # Errors
+    /// Where the presenting device refuses.
+    pub fn with_scheduler(
+        scheduler: Scheduler,
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+    ) -> Result<(Self, Step)> {
+        let (reconstruction, shaders_step) =
+            timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
+        let mut renderer = Renderer {
+            scheduler,
+            reconstruction,
+            context: context.clone(),
+            law: config.foveation.law,
+            lenses: Vec::new(),
+            samples: config.foveation.samples,
+            visibility_slope: config.foveation.visibility_slope,
+            settings: trace_settings(config),
+            rays_with_history: config.time.rays,
+            overlay: config.view.overlay,
+            fixed_stops: config.view.exposure.fixed() as f32,
+            meter: Meter::new(&config.view, output),
+            sun: loaded.environment.sun,
+            least_expected: least_expected(&loaded.environment),
+            output,
+            light: 0,
+            light_steps: 1,
+            moving: (loaded.parted.as_ref())
+                .and_then(|parted| MovingScene::new(&loaded.scene, &loaded.bvh, parted)),
+            speed: config.scene.speed,
+            state: None,
+            motion_ms: 0.0,
+            views: Vec::new(),
+            image: None,
+        };
+        renderer.show_at(0.0);
+        Ok((renderer, shaders_step))
+    }
+}
+
+/// How samples cross; copies where the drivers do not answer.
+fn probe(device: &Device, context: &Context) -> Sharing {
+    let (who, of, context) = (device.info().name.clone(), device.clone(), context.clone());
+    let asked = waiting::ask("OpenCL", &who, Limits::BUILDING, move || interop::probe(&of, &context));
+    asked.unwrap_or(Sharing::Staged)
+}
+
+/// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.
+fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
+    let environment = fitting_environment(&loaded.environment, devices);
+    let mut data = SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?;
+    data.depth = loaded.parted.as_ref().map_or(data.depth, Parted::depth);
+    let data = Arc::new(data);
+    let walking = |device: &Device| {
+        let choice = config.trace.traversal.on(device);
+        // What does not fit says so when it is opened; no kernel is to blame.
+        let fits = data.check_fit(device, choice.traversals).is_ok();
+        let traversals =
+            if fits { choice.for_frames(device, &data.features, data.depth) } else { Ok(choice.traversals) };
+        (device.clone(), traversals)
+    };
+    Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
+}
+
+/// A fiftieth of the map's mean radiance.
+fn least_expected(map: &Environment) -> f32 {
+    let sum: f64 = map.texels.iter().map(|texel| f64::from(texel.element_sum())).sum();
+    ((sum / (150 * map.texels.len().max(1)) as f64) as f32).clamp(1e-6, 1e6)
+}
+
+pub(super) fn trace_settings(config: &Config) -> trace::Settings {
+    trace::Settings {
+        rays: config.trace.rays,
+        bounces: config.trace.bounces,
+        cached: config.uses_cache(),
+        edge_rays: config.trace.edge_rays,
+        guided: config.reconstruction.method == Method::Guided,
+        seed: config.trace.seed,
+        jitter: false,
+    }
+}
+
+pub(super) fn reconstruction_settings(config: &Config) -> reconstruct::Settings {
+    reconstruct::Settings {
+        mode: match config.reconstruction.method {
+            Method::KNearest => Mode::KNearest,
+            Method::Guided => Mode::Guided(GuidedSettings::default()),
+        },
+        k: config.reconstruction.k,
+        weights: match config.reconstruction.weights {
+            WeightsConfig::Shepard => Weights::Shepard,
+            WeightsConfig::Gaussian => Weights::Gaussian,
+            WeightsConfig::Inverse => Weights::Inverse,
+        },
+        reuse: config.time.reuse.then_some(Reuse { frames: config.time.frames, eyes: config.time.eyes }),
+    }
+}

@@ -1,0 +1,83 @@
+//! What a frame is made of, and where its pixels go.
+
+use glam::DVec2;
+
+use super::Overlay;
+use crate::gpu::vulkan::{BufferRef, Encoding, Rect, Target};
+use crate::math::pose::Pose;
+use crate::math::view::View;
+use crate::scene::Sun;
+
+/// Metres at which a target's depth is 1; it falls as 1/z, and is 0 infinitely far away and, without guided
+/// reconstruction, everywhere. Reversed like this, floating-point depths are equally exact at all distances.
+pub const NEAREST_DEPTH: f32 = 0.05;
+
+/// What a frame's samples are made into.
+pub struct Frame<'a> {
+    /// Where the eye is and what it sees; its size is the pattern's. Outputs show its picture: pixels that are not even
+    /// are for guided reconstruction, and for views of at most [`Reconstruction::most_pixels`].
+    pub view: &'a View,
+    /// One [`SampleRecord`] for each sample of the pattern, in its order.
+    pub samples: BufferRef,
+    /// One [`VisibilityRecord`] for each pixel, row after row; needed for guided reconstruction.
+    pub visibility: Option<BufferRef>,
+    /// The sun whose visibility the records hold: its light is added at each pixel (guided).
+    pub sun: Option<Sun>,
+    /// Radiance, above 0, below which reflections that pixels expect count no more than others (guided): a small
+    /// share of the environment's.
+    pub least_expected: f32,
+    /// Where the eye is when the picture is seen: pixels are moved to where it sees them, by their depths
+    /// (guided) or as if all were far away. `None` where that is where the view was traced from.
+    pub shown_from: Option<Pose>,
+    /// Stops that come to each output's own.
+    pub exposure: f32,
+    /// The view of the other eye, whose samples may serve this one: see [`Settings::reuse`].
+    pub other: Option<usize>,
+    /// What is drawn over the picture, and the gaze in 0..1 of it.
+    pub overlay: (Overlay, DVec2),
+    /// Where the pixels go: rectangles of one target do not overlap.
+    pub outputs: &'a [Output<'a>],
+}
+
+/// A rectangle of a target that shows a rectangle of the view.
+pub struct Output<'a> {
+    /// The target.
+    pub target: &'a Target,
+    /// The part of the target that is written; the rest is kept.
+    pub rect: Rect,
+    /// The view's pixel (x, y) that comes to the rectangle's upper left corner.
+    pub source: [u32; 2],
+    /// What the target's numbers mean.
+    pub encoding: Encoding,
+    /// Exposure in EV: radiance is multiplied by two to its power before tone mapping.
+    pub exposure: f32,
+}
+
+impl<'a> Output<'a> {
+    /// The view's upper left part over the whole target, with its format's usual encoding.
+    pub fn whole(target: &'a Target, exposure: f32) -> Self {
+        let rect = Rect { x: 0, y: 0, width: target.width(), height: target.height() };
+        Output { target, rect, source: [0, 0], encoding: Encoding::of(target.format()), exposure }
+    }
+}
+
+impl Output<'_> {
+    /// Factor on radiance, with so many more stops.
+    pub(super) fn factor(&self, stops: f32) -> f32 {
+        (self.exposure + stops).exp2()
+    }
+
+    /// What is added to a pixel of the target for the one that it shows.
+    pub(super) fn shift(&self) -> [i32; 2] {
+        [self.source[0] as i32 - self.rect.x as i32, self.source[1] as i32 - self.rect.y as i32]
+    }
+
+    /// # Panics
+    /// If it reaches beyond a picture of that size.
+    pub(super) fn require_inside(&self, width: u32, height: u32) {
+        let reach = |source: u32, size: u32| u64::from(source) + u64::from(size);
+        let inside = reach(self.source[0], self.rect.width) <= u64::from(width)
+            && reach(self.source[1], self.rect.height) <= u64::from(height);
+        assert!(inside, "{:?} from {:?} on reaches beyond the view", self.rect, self.source);
+    }
+}

@@ -1,0 +1,63 @@
+//! The built kernels of the variants that a device uses.
+
+use crate::error::Result;
+use crate::gpu::opencl::{Device, Kernel, Program};
+use crate::isolated;
+use crate::scene::Features;
+use crate::trace::{Traversals, self_test, source};
+
+/// Built kernels of the variants that a device uses.
+pub(in crate::trace) struct Programs {
+    pub(super) traversals: Traversals,
+    pub(super) pixels: Program,
+    /// Exists where it is another variant.
+    pub(super) bundles: Option<Program>,
+}
+
+impl Programs {
+    pub(super) fn build(
+        device: &Device,
+        features: &Features,
+        depth: u32,
+        traversals: Traversals,
+    ) -> Result<Programs> {
+        Self::build_text(device, &source::text(), features, depth, traversals)
+    }
+
+    /// Builds kernels from a text that may be another one than [`source::text`].
+    pub(in crate::trace) fn build_text(
+        device: &Device,
+        text: &str,
+        features: &Features,
+        depth: u32,
+        traversals: Traversals,
+    ) -> Result<Programs> {
+        let options = |traversal| source::options(device.info(), features, depth, traversal);
+        let build = |traversal| Program::build(device, "foveate", text, &options(traversal));
+        let bundles =
+            (traversals.bundles != traversals.pixels).then(|| build(traversals.bundles)).transpose()?;
+        Ok(Programs { traversals, pixels: build(traversals.pixels)?, bundles })
+    }
+
+    /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
+    pub(super) fn largest_stack(&self) -> Result<u64> {
+        let mut kernels = Vec::new();
+        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"] {
+            kernels.push(self.pixels.kernel(name)?);
+        }
+        kernels.push(self.bundles.as_ref().unwrap_or(&self.pixels).kernel("shade_samples")?);
+        Ok(kernels.iter().map(Kernel::private_bytes).max().unwrap_or(0))
+    }
+}
+
+/// Builds the variants of the kernels for `features` and trees of `depth` levels, and has the device show that they
+/// work.
+///
+/// # Errors
+/// As [`Tracer::open`], but for the scene.
+pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> Result<()> {
+    isolated::stage("building the kernels of frames");
+    let programs = Programs::build(device, features, depth, traversals)?;
+    isolated::stage("tracing the self-test");
+    self_test::run(device, &programs)
+}
