@@ -1,7 +1,8 @@
-//! What the late correction is worth: `cargo bench --bench correction [-- --scene demo --size 960 --margin 0.02]`.
+//! What the late correction is worth: `cargo bench --bench correction [-- --scene demo --size 960 --margin 0.02 --periods 8]`.
 //!
 //! A head turns at 30, 100 or 300 degrees a second about its neck. One eye's view, 90 degrees wide, is traced
-//! where the eye is, and shown one frame at 60 Hz later, when it has gone on. Both pictures that can be shown
+//! where the eye is, and shown one period of 60 Hz later, or as many as `--periods` says, when it has gone on: a loaded
+//! machine's frames take several. Both pictures that can be shown
 //! then, as traced and corrected, are compared with one that is traced where the eye is by then; the last
 //! column, a picture from there with other random numbers, says how much of that is noise. With a margin that
 //! much more is traced at each side, as `headset.margin` has it. Prints a table in Markdown, and what the
@@ -19,7 +20,7 @@ use foveate::reconstruct;
 use foveate::scene::{default_viewpoint, generate};
 use glam::{DQuat, DVec3};
 
-/// Seconds from tracing to showing.
+/// Seconds from tracing to showing, for each period.
 const LATENESS: f64 = 1.0 / 60.0;
 /// The eye in the head, from the joint that it turns about, in metres.
 const EYE: DVec3 = DVec3::new(0.032, 0.075, -0.0805);
@@ -29,6 +30,8 @@ fn main() {
     let value = |flag: &str| arguments.iter().position(|a| a == flag).and_then(|at| arguments.get(at + 1));
     let size: u32 = value("--size").map_or(960, |size| size.parse().expect("a number of pixels"));
     let margin: f64 = value("--margin").map_or(0.0, |margin| margin.parse().expect("a share"));
+    let periods: f64 =
+        value("--periods").map_or(1.0, |periods| periods.parse().expect("a number of periods"));
     let scene = value("--scene").map_or("demo", String::as_str);
 
     let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
@@ -36,7 +39,7 @@ fn main() {
     let tracer = Device::open(&info).expect("the OpenCL device");
     let margin = (f64::from(size) * margin).ceil() as u32;
     println!(
-        "{} (OpenCL), {} (Vulkan), {scene}, {size}x{size}, {margin} pixels of margin\n",
+        "{} (OpenCL), {} (Vulkan), {scene}, {size}x{size}, {margin} pixels of margin, {periods} periods\n",
         info.name,
         context.report().name
     );
@@ -55,7 +58,7 @@ fn main() {
         let output = Output::Radiance;
         let mut renderer = Renderer::new(&tracer, &context, &loaded, &config, output).expect("a renderer").0;
         for speed in [30.0f64, 100.0, 300.0] {
-            let angle = (speed * LATENESS).to_radians();
+            let angle = (speed * periods * LATENESS).to_radians();
             let (from, to) = (view(&loaded, size, 0.0), view(&loaded, size, angle));
             let mut shown = |seed: u32, view: View, pose: Option<Pose>| {
                 picture(&mut renderer, &context, (view, margin), seed, pose)

@@ -34,6 +34,10 @@ pub struct Hands {
     pub teleport: bool,
     /// Where the pointing hand is and, along its -Z, points: in the tracked space.
     pub aim: Option<Pose>,
+    /// Back to the start, just now.
+    pub recentre: bool,
+    /// Eyes as high above the ground as at the start, just now.
+    pub height: bool,
 }
 
 /// Where the tracked space lies in the scene.
@@ -64,6 +68,11 @@ impl Locomotion {
             let push = hands.go.clamp_length_max(1.0) * manner.speed * seconds;
             self.world_from_space.position += heading * DVec3::new(push.x, 0.0, -push.y);
         }
+    }
+
+    /// Where the head is in the scene.
+    pub fn place(&self, head: &Pose) -> DVec3 {
+        self.world_from_space.transform_point(head.position)
     }
 
     /// Rises by so many metres, or sinks.

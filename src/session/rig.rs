@@ -21,7 +21,10 @@ const STEEPEST: f64 = 0.7;
 pub struct Rig {
     rest: Pose,
     locomotion: Locomotion,
+    /// The tracked space's origin above the ground.
     height: f64,
+    /// Eyes above the ground at the start.
+    eyes: f64,
     manner: Manner,
     /// Metres a second by keys.
     speed: f64,
@@ -36,10 +39,12 @@ impl Rig {
         let height = below.map_or(USUAL_HEIGHT, |(point, _)| rest.position.y - (scene.anchor.y + point.y));
         let turn = if config.turn == Turn::Off { 0.0 } else { config.turn_degrees.to_radians() };
         let rest = Pose { rotation: upright(rest.rotation), position: rest.position };
+        let height = height.clamp(0.5, 2.5);
         Rig {
             rest,
             locomotion: Locomotion::new(rest),
-            height: height.clamp(0.5, 2.5),
+            height,
+            eyes: height,
             manner: Manner {
                 speed: if config.walk == Walk::Smooth { config.speed } else { 0.0 },
                 turn,
@@ -57,6 +62,7 @@ impl Rig {
             rest: Pose::IDENTITY,
             locomotion: Locomotion::new(Pose::IDENTITY),
             height: USUAL_HEIGHT,
+            eyes: USUAL_HEIGHT,
             manner: Manner { speed: 0.0, turn: 0.0, smooth_turn: false },
             speed: 0.0,
             teleports: false,
@@ -86,11 +92,25 @@ impl Rig {
                 self.locomotion.stand_on(point + scene.anchor, &head, self.height);
             }
         }
+        if hands.height {
+            self.reset_height(&head, scene);
+        }
+    }
+
+    /// Has the eyes as high above the ground as at the start, however tall or seated the wearer is: until they go
+    /// back to the start. Nothing where there is no ground.
+    fn reset_height(&mut self, head: &Pose, scene: &Scene) {
+        let place = self.locomotion.place(head) - scene.anchor;
+        // Whoever has sunk below the ground finds it above.
+        let above = place + DVec3::Y * self.eyes;
+        if let Some((ground, _)) = pick::nearest(&scene.mesh, above, DVec3::NEG_Y) {
+            self.locomotion.rise(ground.y + self.eyes - place.y);
+        }
     }
 
     /// Keys go before hands; they walk smoothly even where controllers teleport.
     fn step(&mut self, hands: &Hands, keys: &Keys, head: &Pose, seconds: f64) {
-        if keys.recentre {
+        if keys.recentre || hands.recentre {
             self.locomotion.recentre(self.rest, head);
         }
         let speed = self.speed * if keys.hurry { HURRY } else { 1.0 };

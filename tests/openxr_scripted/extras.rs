@@ -1,6 +1,6 @@
-//! What some runtimes offer beside pictures and poses: eye trackers, hidden areas, controllers, rates.
+//! What some runtimes offer beside pictures and poses: eye trackers, hidden areas, rates.
 
-use fake_runtime::script::{Event, EventKind, Gaze, Input, Script, Session, View};
+use fake_runtime::script::{Event, EventKind, Gaze, Script, Session, View};
 use serde_json::{Value, json};
 
 use super::views::uneven;
@@ -158,15 +158,6 @@ fn hidden_pixels_get_no_samples() {
     assert!((0.68..0.71).contains(&share), "{share}");
 }
 
-/// A touch controller on which something is done.
-fn touching(path: &str, value: [f32; 2], from: u64, to: u64) -> Script {
-    Script {
-        profile: Some("/interaction_profiles/oculus/touch_controller".into()),
-        inputs: vec![Input { path: path.into(), from, to, value }],
-        ..Script::default()
-    }
-}
-
 /// Where the first eye was in the last picture, and how far to the left it was turned, degrees.
 pub fn first_eye(run: &Run) -> ([f64; 3], f64) {
     let view = run.is_clean().told()["views"][0].clone();
@@ -174,38 +165,6 @@ pub fn first_eye(run: &Run) -> ([f64; 3], f64) {
         |value: &Value| value.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect::<Vec<_>>();
     let (position, rotation) = (list(&view["position"]), list(&view["rotation"]));
     ([position[0], position[1], position[2]], 2.0 * rotation[1].atan2(rotation[3]).to_degrees())
-}
-
-#[test]
-fn sticks_turn_and_move_the_wearer() {
-    let right = "/user/hand/right/input/thumbstick";
-    let Some(turned) = run(&touching(right, [1.0, 0.0], 4, 9), 14, "") else { return };
-    let (_, yaw) = first_eye(&turned);
-    assert!((yaw + 30.0).abs() < 0.1, "one snap turn to the right, not {yaw}");
-    let left = "/user/hand/left/input/thumbstick";
-    let walked = run(&touching(left, [0.0, 1.0], 4, 30), 20, "--set headset.walk=smooth").unwrap();
-    let (place, yaw) = first_eye(&walked);
-    assert!(place[2] < -0.1 && (place[1] - 1.6).abs() < 1e-3 && yaw.abs() < 0.1, "{place:?} {yaw}");
-    let stays = run(&touching(left, [0.0, 1.0], 4, 30), 20, "--set headset.walk=off").unwrap();
-    assert!(first_eye(&stays).0[2].abs() < 1e-3);
-    // With the other hand.
-    let left_handed = "--set headset.walk=smooth --set headset.hand=left";
-    let (_, yaw) = first_eye(&run(&touching(left, [1.0, 0.0], 4, 9), 14, left_handed).unwrap());
-    assert!((yaw + 30.0).abs() < 0.1, "one snap turn to the right, not {yaw}");
-    let (place, _) = first_eye(&run(&touching(right, [0.0, 1.0], 4, 30), 20, left_handed).unwrap());
-    assert!(place[2] < -0.1, "{place:?}");
-}
-
-#[test]
-fn a_press_teleports_to_where_the_hand_points() {
-    let Some(run) = run(&touching("/user/hand/right/input/a", [1.0, 0.0], 5, 8), 12, "") else { return };
-    let (place, _) = first_eye(&run);
-    // The hand is 1.3 m above the floor, 0.4 m ahead, and points 30 degrees down.
-    let ahead = 0.4 + 1.3 / 30f64.to_radians().tan();
-    assert!((place[2] + ahead).abs() < 0.01 && (place[1] - 1.6).abs() < 0.01, "{place:?}, {ahead}");
-    let x = touching("/user/hand/left/input/x", [1.0, 0.0], 5, 8);
-    let (other, _) = first_eye(&super::run(&x, 12, "--set headset.hand=left").unwrap());
-    assert!((other[2] + ahead).abs() < 0.01, "{other:?}, {ahead}");
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod board;
 mod budget;
 mod changes;
 mod codes;
+mod controllers;
 mod cycles;
 mod depth;
 mod extras;

@@ -1,75 +1,30 @@
-//! What the wearer's hands do, as OpenXR actions, with bindings suggested for the usual controllers.
+//! What the wearer's hands do, as OpenXR actions.
 
 use glam::DVec2;
 use openxr as xr;
 
+use super::bindings::{CONTROLLERS, is_enabled, mirrored};
 use super::convert;
 use super::fault::{Called, Outcome};
 use crate::headset::locomotion::Hands;
 
-/// Controllers, with where each action is found on them for who points with the right hand: to go, to turn, to
-/// teleport, to point. Paths are those of the OpenXR specification's interaction profiles.
-const CONTROLLERS: [(&str, [&str; 4]); 14] = [
-    ("valve/index_controller", STICKS),
-    ("oculus/touch_controller", STICKS),
-    ("meta/touch_plus_controller", STICKS),
-    ("meta/touch_controller_plus", STICKS),
-    ("meta/touch_pro_controller", STICKS),
-    ("facebook/touch_controller_pro", STICKS),
-    ("hp/mixed_reality_controller", STICKS),
-    ("htc/vive_cosmos_controller", STICKS),
-    ("htc/vive_focus3_controller", STICKS),
-    ("bytedance/pico4_controller", STICKS),
-    (
-        "htc/vive_controller",
-        ["left/input/trackpad", "right/input/trackpad", "right/input/trigger/value", "right/input/aim/pose"],
-    ),
-    (
-        "microsoft/motion_controller",
-        [
-            "left/input/thumbstick",
-            "right/input/thumbstick",
-            "right/input/trigger/value",
-            "right/input/aim/pose",
-        ],
-    ),
-    ("ext/hand_interaction_ext", ["", "", "right/input/pinch_ext/value", "right/input/aim/pose"]),
-    ("khr/simple_controller", ["", "", "right/input/select/click", "right/input/aim/pose"]),
-];
-
-/// Where controllers with sticks and a button A have them.
-const STICKS: [&str; 4] =
-    ["left/input/thumbstick", "right/input/thumbstick", "right/input/a/click", "right/input/aim/pose"];
-
-/// The same place for who points with the other hand. Controllers that come in pairs call the left one's first button
-/// X; Index has an A on both.
-fn mirrored(profile: &str, path: &str) -> String {
-    let Some((hand, rest)) = path.split_once('/') else { return String::new() };
-    let other = if hand == "left" { "right" } else { "left" };
-    let rest =
-        if profile == "valve/index_controller" { rest.to_string() } else { rest.replace("/a/", "/x/") };
-    format!("{other}/{rest}")
-}
-
-/// Whether a profile may be named: some have names of their own in an extension, and in OpenXR 1.1 another.
-fn is_enabled(instance: &xr::Instance, profile: &str) -> bool {
-    let extensions = instance.exts();
-    match profile {
-        "meta/touch_controller_plus" => extensions.meta_touch_controller_plus.is_some(),
-        "facebook/touch_controller_pro" => extensions.fb_touch_controller_pro.is_some(),
-        "ext/hand_interaction_ext" => extensions.ext_hand_interaction.is_some(),
-        _ => true,
-    }
-}
-
 /// The actions of a session.
 pub struct Actions {
     set: xr::ActionSet,
-    go: xr::Action<xr::Vector2f>,
-    turn: xr::Action<xr::Vector2f>,
+    go: Stick,
+    turn: Stick,
     teleport: xr::Action<bool>,
+    recentre: xr::Action<bool>,
+    height: xr::Action<bool>,
+    menu: xr::Action<bool>,
     aim: xr::Action<xr::Posef>,
     aim_space: xr::Space,
+}
+
+/// A stick, or a trackpad that counts while it is pressed.
+struct Stick {
+    push: xr::Action<xr::Vector2f>,
+    press: xr::Action<bool>,
 }
 
 impl Actions {
@@ -86,35 +41,60 @@ impl Actions {
         let set = instance
             .create_action_set("wearer", "Moving through the scene", 0)
             .called("xrCreateActionSet")?;
-        let go = set.create_action("go", "Go", &[]).called("xrCreateAction")?;
-        let turn = set.create_action("turn", "Turn", &[]).called("xrCreateAction")?;
-        let teleport = set.create_action("teleport", "Teleport", &[]).called("xrCreateAction")?;
+        let button = |name, label| set.create_action::<bool>(name, label, &[]).called("xrCreateAction");
+        let stick = |name, label| set.create_action(name, label, &[]).called("xrCreateAction");
+        let go = Stick { push: stick("go", "Go")?, press: button("press_go", "Press to go")? };
+        let turn = Stick { push: stick("turn", "Turn")?, press: button("press_turn", "Press to turn")? };
         let aim = set.create_action("aim", "Point", &[]).called("xrCreateAction")?;
-        for (profile, paths) in CONTROLLERS.into_iter().filter(|(name, _)| is_enabled(instance, name)) {
-            let path = |index: usize| {
-                let path =
-                    if left_handed { mirrored(profile, paths[index]) } else { paths[index].to_string() };
-                (!path.is_empty())
-                    .then(|| instance.string_to_path(&format!("/user/hand/{path}")).ok())
-                    .flatten()
-            };
-            let bindings: Vec<xr::Binding> = [
-                path(0).map(|path| xr::Binding::new(&go, path)),
-                path(1).map(|path| xr::Binding::new(&turn, path)),
-                path(2).map(|path| xr::Binding::new(&teleport, path)),
-                path(3).map(|path| xr::Binding::new(&aim, path)),
-            ]
-            .into_iter()
-            .flatten()
-            .collect();
-            if let Ok(profile) = instance.string_to_path(&format!("/interaction_profiles/{profile}")) {
-                // A profile that the runtime does not know is none that its wearer holds.
-                let _ = instance.suggest_interaction_profile_bindings(profile, &bindings);
-            }
-        }
         let aim_space =
             aim.create_space(session, xr::Path::NULL, xr::Posef::IDENTITY).called("xrCreateActionSpace")?;
-        Ok(Actions { set, go, turn, teleport, aim, aim_space })
+        let actions = Actions {
+            go,
+            turn,
+            teleport: button("teleport", "Teleport")?,
+            recentre: button("recentre", "Back to the start")?,
+            height: button("height", "Reset the height of the eyes")?,
+            menu: button("menu", "Menu")?,
+            aim,
+            aim_space,
+            set,
+        };
+        actions.suggest(instance, left_handed);
+        Ok(actions)
+    }
+
+    fn suggest(&self, instance: &xr::Instance, left_handed: bool) {
+        for (profile, at) in CONTROLLERS.into_iter().filter(|(name, _)| is_enabled(instance, name)) {
+            let fixed = |path: &str| {
+                let bound =
+                    (!path.is_empty()).then(|| instance.string_to_path(&format!("/user/hand/{path}")));
+                bound.and_then(Result::ok)
+            };
+            let path = |path: &str| if left_handed { fixed(&mirrored(profile, path)) } else { fixed(path) };
+            let moving = [
+                path(at.go).map(|path| xr::Binding::new(&self.go.push, path)),
+                path(at.turn).map(|path| xr::Binding::new(&self.turn.push, path)),
+                path(at.press_go).map(|path| xr::Binding::new(&self.go.press, path)),
+                path(at.press_turn).map(|path| xr::Binding::new(&self.turn.press, path)),
+                path(at.teleport).map(|path| xr::Binding::new(&self.teleport, path)),
+                path(at.aim).map(|path| xr::Binding::new(&self.aim, path)),
+            ];
+            let more = [
+                path(at.recentre).map(|path| xr::Binding::new(&self.recentre, path)),
+                path(at.height).map(|path| xr::Binding::new(&self.height, path)),
+                fixed(at.menu).map(|path| xr::Binding::new(&self.menu, path)),
+            ];
+            let Ok(profile) = instance.string_to_path(&format!("/interaction_profiles/{profile}")) else {
+                continue;
+            };
+            let moving: Vec<xr::Binding> = moving.into_iter().flatten().collect();
+            let all: Vec<xr::Binding> = moving.iter().copied().chain(more.into_iter().flatten()).collect();
+            // One path that a runtime does not know costs all of a profile's: what moves goes before the rest. A
+            // profile that it does not know is none that its wearer holds.
+            let _ = instance
+                .suggest_interaction_profile_bindings(profile, &all)
+                .or_else(|_| instance.suggest_interaction_profile_bindings(profile, &moving));
+        }
     }
 
     /// The set, to be attached and synchronised.
@@ -124,17 +104,7 @@ impl Actions {
 
     /// What the hands do now; nothing where there are none, or another program has them.
     pub fn hands(&self, session: &xr::Session<xr::Vulkan>, space: &xr::Space, time: xr::Time) -> Hands {
-        let stick = |action: &xr::Action<xr::Vector2f>| {
-            let state = action.state(session, xr::Path::NULL).ok().filter(|state| state.is_active);
-            let stick = state.map_or(DVec2::ZERO, |state| {
-                DVec2::new(state.current_state.x.into(), state.current_state.y.into())
-            });
-            if stick.is_finite() { stick.clamp(DVec2::NEG_ONE, DVec2::ONE) } else { DVec2::ZERO }
-        };
-        let teleport = self
-            .teleport
-            .state(session, xr::Path::NULL)
-            .is_ok_and(|state| state.is_active && state.current_state && state.changed_since_last_sync);
+        let teleport = pressed(&self.teleport, session);
         let aim = || {
             let active = self.aim.is_active(session, xr::Path::NULL).unwrap_or(false);
             let location = active.then(|| self.aim_space.locate(space, time).ok()).flatten()?;
@@ -142,28 +112,38 @@ impl Actions {
             location.location_flags.contains(valid).then(|| convert::pose(&location.pose))
         };
         Hands {
-            go: stick(&self.go),
-            turn: stick(&self.turn).x,
+            go: self.go.pushed(session),
+            turn: self.turn.pushed(session).x,
             teleport,
             aim: if teleport { aim() } else { None },
+            recentre: pressed(&self.recentre, session),
+            height: pressed(&self.height, session),
         }
+    }
+
+    /// Whether the menu was asked for, just now.
+    pub fn menu(&self, session: &xr::Session<xr::Vulkan>) -> bool {
+        pressed(&self.menu, session)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Whether a button has just been pressed.
+fn pressed(button: &xr::Action<bool>, session: &xr::Session<xr::Vulkan>) -> bool {
+    let state = button.state(session, xr::Path::NULL);
+    state.is_ok_and(|state| state.is_active && state.current_state && state.changed_since_last_sync)
+}
 
-    #[test]
-    fn the_other_hand_has_the_same_in_its_own_places() {
-        for (profile, path, other) in [
-            ("oculus/touch_controller", "right/input/a/click", "left/input/x/click"),
-            ("valve/index_controller", "right/input/a/click", "left/input/a/click"),
-            ("htc/vive_controller", "left/input/trackpad", "right/input/trackpad"),
-            ("ext/hand_interaction_ext", "right/input/aim/pose", "left/input/aim/pose"),
-            ("ext/hand_interaction_ext", "", ""),
-        ] {
-            assert_eq!(mirrored(profile, path), other);
+impl Stick {
+    /// How far it is pushed to the right and ahead, each -1 to 1.
+    fn pushed(&self, session: &xr::Session<xr::Vulkan>) -> DVec2 {
+        let rests = self.press.state(session, xr::Path::NULL);
+        if rests.is_ok_and(|press| press.is_active && !press.current_state) {
+            return DVec2::ZERO;
         }
+        let state = self.push.state(session, xr::Path::NULL).ok().filter(|state| state.is_active);
+        let push = state.map_or(DVec2::ZERO, |state| {
+            DVec2::new(state.current_state.x.into(), state.current_state.y.into())
+        });
+        if push.is_finite() { push.clamp(DVec2::NEG_ONE, DVec2::ONE) } else { DVec2::ZERO }
     }
 }

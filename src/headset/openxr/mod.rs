@@ -6,6 +6,7 @@
 
 mod absent;
 mod actions;
+mod bindings;
 mod board;
 mod clock;
 mod convert;

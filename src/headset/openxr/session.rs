@@ -1,12 +1,15 @@
 //! A session: states, frames, views, images.
 
+mod input;
 mod layers;
+mod menu;
 
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use openxr as xr;
 
+use self::menu::Menu;
 use super::actions::Actions;
 use super::board::Notices;
 use super::clock::{FrameClock, Told};
@@ -22,8 +25,7 @@ use super::swapchain::{Formats, ViewImages, formats};
 use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
 use crate::gpu::vulkan::{Context, Encoding, Rect};
-use crate::headset::locomotion::Hands;
-use crate::headset::{Canvas, Deadline, EyeView, Frame, Gaze, Headset, HiddenMesh, Input, Next};
+use crate::headset::{Canvas, Deadline, EyeView, Frame, Headset, HiddenMesh, Input, Next};
 
 /// How long one look for a frame lasts before events are looked for again.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -31,8 +33,6 @@ const PATIENCE: Duration = Duration::from_millis(50);
 const EXIT_PATIENCE: Duration = Duration::from_secs(10);
 /// Frames in a row whose views may stay where they were.
 const MOST_STRIKES: u32 = 20;
-/// Frames after which an eye tracker that was refused is asked again.
-const BLIND: u32 = 90;
 
 /// What a session is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +56,7 @@ pub struct Session {
     // In the order in which they end.
     images: Vec<ViewImages>,
     notices: Notices,
+    menu: Menu,
     /// What spectators see, where they can.
     spectator: Option<Spectator>,
     sizes: Sizes,
@@ -141,6 +142,7 @@ impl Session {
         Ok(Session {
             images,
             notices: Notices::new(context),
+            menu: Menu::new(options.left_handed),
             spectator,
             sizes: wished,
             followed,
@@ -282,36 +284,6 @@ impl Session {
         }
         Ok(())
     }
-
-    /// What the eye tracker sees. One that is refused is not asked for a while.
-    fn look(&mut self, time: xr::Time) -> Outcome<Option<Gaze>> {
-        self.blind = self.blind.saturating_sub(1);
-        let Some(eyes) = self.eyes.as_ref().filter(|_| self.blind == 0) else { return Ok(None) };
-        let seen = eyes.look(&self.session, &self.space, time);
-        let seen = self.notes.or_without(seen, "the gaze is not followed until it works again")?;
-        if seen.is_none() {
-            self.blind = BLIND;
-        }
-        Ok(seen)
-    }
-
-    /// What hands and eyes do at a time.
-    fn actions(&mut self, time: xr::Time) -> Outcome<(Hands, Option<Gaze>)> {
-        let sets: Vec<xr::ActiveActionSet> = (self.actions.iter().map(Actions::set))
-            .chain(self.eyes.as_ref().map(EyeTracker::set))
-            .map(xr::ActiveActionSet::new)
-            .collect();
-        let unseen = self.eyes.as_ref().map(|_| Gaze::unseen(time.as_nanos()));
-        if sets.is_empty() {
-            return Ok((Hands::default(), unseen));
-        }
-        let synced = self.session.sync_actions(&sets).called("xrSyncActions");
-        if self.notes.or_without(synced, "hands and eyes are not followed")?.is_none() {
-            return Ok((Hands::default(), unseen));
-        }
-        let hands = self.actions.as_ref().map(|actions| actions.hands(&self.session, &self.space, time));
-        Ok((hands.unwrap_or_default(), self.look(time)?.or(unseen)))
-    }
 }
 
 impl Headset for Session {
@@ -419,13 +391,19 @@ impl Headset for Session {
 
     fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
         // What was not drawn into is kept for the next frame.
+        let mut board = false;
         if let Some(shown) = shown {
+            board = self.show_menu()?;
             self.spectate()?;
             self.images.iter_mut().try_for_each(ViewImages::release)?;
             self.shown = shown.to_vec();
             self.newest = Some(Instant::now());
         }
-        self.submit(shown, false)
+        self.submit(shown, board)
+    }
+
+    fn describe(&mut self, status: String) {
+        self.menu.status = status;
     }
 
     fn hold(&mut self, _: &Frame, why: Option<&str>) -> Outcome<()> {

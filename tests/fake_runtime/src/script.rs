@@ -37,6 +37,8 @@ pub struct Script {
     pub gaze: Vec<Gaze>,
     /// The controllers' interaction profile, where there are any.
     pub profile: Option<String>,
+    /// Ends of paths that the runtime does not know though their profiles have them, such as `thumbstick/click`.
+    pub without_paths: Vec<String>,
     /// What is pressed and pushed on them.
     pub inputs: Vec<Input>,
     /// Results that calls give instead of doing their work, counted over the whole run.
@@ -64,6 +66,7 @@ impl Default for Script {
             head: Head::default(),
             gaze: Vec::new(),
             profile: None,
+            without_paths: Vec::new(),
             inputs: Vec::new(),
             faults: Vec::new(),
             hangs: Vec::new(),
@@ -142,7 +145,7 @@ pub struct Gaze {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Input {
-    /// Such as `/user/hand/left/input/thumbstick`.
+    /// Such as `/user/hand/left/input/thumbstick`, or `/user/hand/left/input/x/click`.
     pub path: String,
     /// The first frame.
     pub from: u64,

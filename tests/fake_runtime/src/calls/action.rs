@@ -79,6 +79,9 @@ pub(crate) fn suggest(
         let mut paths = Vec::new();
         for binding in nested::bindings(info) {
             let path = runtime.path(binding.binding)?.to_string();
+            if runtime.script.without_paths.iter().any(|end| path.ends_with(end)) {
+                return Err(xr::Result::ERROR_PATH_UNSUPPORTED.into());
+            }
             if !profiles::has(&profile, &path) {
                 return Err(wrong(xr::Result::ERROR_PATH_UNSUPPORTED, format!("{path} is not of {profile}")));
             }

@@ -139,12 +139,7 @@ impl Runtime {
             return Ok(None);
         }
         let (before, now) = session.sync_frames;
-        let hit = |input: &Input| {
-            let part = |path: &String| {
-                path.strip_prefix(&input.path).map(|rest| rest.is_empty() || rest.starts_with('/'))
-            };
-            paths.iter().any(|path| part(path) == Some(true))
-        };
+        let hit = |input: &Input| paths.contains(&input.path);
         let at = |frame: u64| {
             let pressed =
                 self.script.inputs.iter().find(|input| within(frame, input.from, input.to) && hit(input));
