@@ -1,5 +1,5 @@
 //! The documents say what is: the files, names, commands, flags and settings in them exist, and rooms
-//! use each other, tests apart, only as docs/architecture.md says.
+//! use each other, tests apart, only as docs/architecture.md says, without circles.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -12,8 +12,8 @@ const FOLDERS: [&str; 11] =
     ["src", "build", "kernels", "tests", "docs", "benches", "configs", "scripts", "fuzz", "packaging", ".ci"];
 /// Names that end like this are files.
 const ENDINGS: [&str; 8] = [".rs", ".md", ".toml", ".sh", ".cl", ".h", ".wgsl", ".rules"];
-/// What breaks the rule of arrows, as docs/architecture.md admits.
-const ADMITTED: [(&str, &str); 1] = [("layout", "bvh")];
+/// Lines of a file of src at most.
+const MOST_LINES: usize = 450;
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -212,6 +212,20 @@ fn rooms_use_only_rooms_below_them() {
             wrong.extend(above.map(|(_, other)| (room.as_str(), other.to_string())));
         }
     }
-    let admitted = ADMITTED.map(|(room, other)| (room, other.to_string()));
-    assert_eq!(wrong, BTreeSet::from(admitted));
+    assert_eq!(wrong, BTreeSet::new(), "rooms that use one above them");
+}
+
+/// Files with more lines than a reader keeps in mind.
+fn long_files(folder: &Path, most: usize) -> Vec<String> {
+    let all = files(folder).into_iter().filter(|file| file.extension().is_some_and(|e| e == "rs"));
+    let counted = all.map(|file| (read(&file).lines().count(), file));
+    let long = counted.filter(|(lines, _)| *lines > most);
+    long.map(|(lines, file)| format!("{}: {lines} lines", file.display())).collect()
+}
+
+#[test]
+fn no_file_is_long() {
+    let source = root().join("src");
+    assert_eq!(long_files(&source, MOST_LINES), Vec::<String>::new(), "split these by idea");
+    assert!(!long_files(&source, 300).is_empty(), "lines are counted");
 }

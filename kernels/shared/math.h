@@ -1,4 +1,4 @@
-// Small helpers, and the packing that src/layout.rs documents.
+// Small helpers, and the packing that src/layout/packing.rs documents.
 
 // Large functions that many places use are called on processors (see CALLS in src/trace/source.rs). On graphics cards what
 // traces is inlined: a scene whose address a called function gets would lie in memory, not in registers.

@@ -1,4 +1,4 @@
-// The two records that cross from OpenCL, unpacked as in src/layout.rs.
+// The two records that cross from OpenCL, unpacked as in src/layout/packing.rs.
 
 fn is_finite(v: f32) -> bool {
     return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
@@ -66,7 +66,7 @@ fn unpack_normal24(packed: u32) -> vec3<f32> {
     return normalize(vec3(x + select(fold, -fold, x >= 0.0), y + select(fold, -fold, y >= 0.0), z));
 }
 
-// As src/layout.rs has them.
+// As src/layout/frame.rs has them.
 struct SampleRecord {
     first: vec3<f32>,
     depth: f32,

@@ -386,7 +386,7 @@ CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, 
     if (material->textures[1].texture != NONE) {
         float4 mr = lookup(scene, &material->textures[1], &spot.at);
 #if HAS_LAYERS
-        // Specular-glossiness: see scene_buffers.rs.
+        // Specular-glossiness: see scene_buffers/pack.rs.
         if (material->extras & MATERIAL_GLOSSINESS) {
             s.roughness = 1.0f - (1.0f - s.roughness) * mr.w;
         } else

@@ -1,4 +1,4 @@
-// Written from src/layout.rs: change it there.
+// Written from src/layout/: change it there.
 
 typedef struct {
     float first[3];

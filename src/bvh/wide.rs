@@ -5,18 +5,12 @@ use glam::Vec3;
 use super::LEAF_TRIANGLES;
 use super::binary::Bounds;
 
-/// A child slot without a child.
-pub const EMPTY: u32 = u32::MAX;
-/// Marks a child that is a leaf: then bits 28..31 hold its number of triangles less one, and the
-/// low 28 bits its first triangle in leaf order.
-pub const LEAF: u32 = 1 << 31;
-
 /// Eight children: their bounds as arrays, and where they are. 224 bytes.
 ///
 /// A child is [`EMPTY`], a leaf ([`LEAF`] set) or the index of a node. Empty slots have inverted,
 /// infinite bounds, but a walker must look at `children`, since an inverted box passes a slab test
 /// that takes the minimum and maximum of both planes.
-pub use crate::layout::WideNode;
+pub use crate::layout::{EMPTY, LEAF, WideNode};
 
 impl WideNode {
     pub(super) const VACANT: WideNode =

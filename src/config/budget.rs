@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::{Config, Method, Samples, WeightsConfig, range};
+use super::check::range;
+use super::{Config, Method, Samples, WeightsConfig};
 use crate::error::{Error, Result};
 use crate::foveation::Law;
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::range;
+use super::check::range;
 use crate::error::Result;
 use crate::scene::animation::Choice;
 use crate::scene::{LoadOptions, Progress};

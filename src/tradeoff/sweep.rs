@@ -1,5 +1,8 @@
 //! The sweep: references, then every candidate at every pose and gaze, each kept as soon as it is done.
 
+mod meter;
+mod pictures;
+
 use glam::DVec2;
 
 use super::candidate::{Candidate, Means, RIVAL, TRAVERSAL, candidates};
@@ -19,8 +22,9 @@ use crate::math::view::View;
 use crate::metrics::metric::Viewing;
 use crate::metrics::pairs::Match;
 use crate::metrics::stats::{median, percentile};
-use crate::metrics::{Display, Picture, flip};
 use crate::trace::Traversal;
+use meter::Meter;
+use pictures::jpeg;
 
 /// What is measured.
 pub struct Subject<'a> {
@@ -369,23 +373,6 @@ impl Bench<'_> {
         }
     }
 
-    /// Keeps the first eye's picture and its error map for the page.
-    fn keep_pictures(
-        &self,
-        name: &str,
-        picture: &Picture,
-        references: &[Reference; 2],
-        eyes: &[View],
-    ) -> Result<()> {
-        let shown = Display::from_picture(picture, self.viewing.exposure);
-        let shown = split(&shown, eyes).swap_remove(0);
-        let truth = split(&references[0].display, eyes).swap_remove(0);
-        let map = flip::error_map(&shown, &truth, self.viewing.pixels_per_degree);
-        let heat = Display { pixels: map.iter().map(|error| heat(*error)).collect(), ..shown.clone() };
-        self.store.write_bytes(&format!("{name} picture"), "jpg", &jpeg(&shown))?;
-        self.store.write_bytes(&format!("{name} error"), "jpg", &jpeg(&heat))
-    }
-
     /// Judges the references with fewer bounces of light against those with the most.
     fn light_left_out(&self) -> Result<Vec<LeftOut>> {
         let at_first = || self.references.iter().filter(|(_, pose, _)| *pose == 0);
@@ -448,89 +435,4 @@ fn effective(config: &Config, late_correction: Option<bool>) -> serde_json::Valu
         value["headset"] = serde_json::json!({ "late_correction": late_correction });
     }
     value
-}
-
-/// Black over violet and orange to pale yellow, brighter with every step: near Matplotlib's "inferno".
-fn heat(error: f32) -> [f32; 3] {
-    const STOPS: [[f32; 3]; 5] =
-        [[0.0, 0.0, 0.02], [0.34, 0.06, 0.43], [0.74, 0.22, 0.33], [0.98, 0.56, 0.04], [0.99, 1.0, 0.64]];
-    let at = error.clamp(0.0, 1.0) * 4.0;
-    let low = (at as usize).min(3);
-    let part = at - low as f32;
-    [0, 1, 2].map(|c| STOPS[low][c] + (STOPS[low + 1][c] - STOPS[low][c]) * part)
-}
-
-fn jpeg(picture: &Display) -> Vec<u8> {
-    let byte = |code: &f32| (code.clamp(0.0, 1.0) * 255.0).round() as u8;
-    let bytes: Vec<u8> = picture.pixels.iter().flatten().map(byte).collect();
-    let mut out = Vec::new();
-    let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut out, 88);
-    let kind = image::ExtendedColorType::Rgb8;
-    // Writing to memory fails only for sizes that no view has.
-    match image::ImageEncoder::write_image(encoder, &bytes, picture.width, picture.height, kind) {
-        Ok(()) => out,
-        Err(_) => Vec::new(),
-    }
-}
-
-/// Work that is expected and done, in rays: a pixel that is looked at costs about four.
-struct Meter<'a> {
-    progress: Progress<'a>,
-    done: u64,
-    total: u64,
-    /// A pass of a reference.
-    pass: u64,
-    pixels: f64,
-    shots: f64,
-    rays: u32,
-}
-
-impl<'a> Meter<'a> {
-    fn new(subject: &Subject<'_>, own: &[Candidate], others: &[Candidate], progress: Progress<'a>) -> Self {
-        let eyes = (subject.views)(subject.heads[0][1]);
-        let pixels: usize = eyes.iter().map(View::pixels).sum();
-        let effort = subject.effort;
-        let shots = (subject.heads.len() * effort.gazes().len() * 2) as u32 + effort.repetitions();
-        let mut meter = Meter {
-            progress,
-            done: 0,
-            total: 0,
-            pass: pixels as u64 * u64::from(effort.reference_rays()),
-            pixels: pixels as f64,
-            shots: f64::from(shots),
-            rays: subject.config.trace.rays,
-        };
-        let mut bounces: Vec<u32> =
-            own.iter().filter_map(Candidate::config).map(|c| c.trace.bounces).collect();
-        bounces.sort_unstable();
-        bounces.dedup();
-        let references = 2 * (subject.heads.len() + bounces.len() - 1) as u64;
-        meter.total = references * u64::from(effort.passes()) * meter.pass;
-        meter.total += own.iter().chain(others).map(|c| meter.cost(c)).sum::<u64>();
-        meter
-    }
-
-    /// What a candidate is expected to cost.
-    fn cost(&self, candidate: &Candidate) -> u64 {
-        let rays = match &candidate.means {
-            Means::Own(config) | Means::Late { config, .. } => {
-                let samples = config.foveation.samples.of(self.pixels as usize) as f64;
-                samples * f64::from(config.trace.rays * (1 + config.trace.bounces)) + 4.0 * self.pixels
-            }
-            _ if candidate.name.ends_with(AT_EQUAL_COST) => self.pixels * 6.0,
-            Means::Zones { rays } => self.pixels * f64::from(rays.iter().sum::<u32>()),
-            Means::Inset { .. } | Means::Coarse { .. } => 0.4 * self.pixels * f64::from(self.rays),
-        };
-        (rays * self.shots) as u64
-    }
-
-    fn add(&mut self, work: u64) {
-        self.done += work;
-        (self.progress)(self.done.min(self.total), self.total);
-    }
-
-    /// Leaves out what an earlier run has done: it takes no time.
-    fn skip(&mut self, work: u64) {
-        self.total = self.total.saturating_sub(work);
-    }
 }

@@ -1,65 +1,22 @@
 //! Instance, device and queue.
 #![allow(unsafe_code)]
 
-use std::collections::BTreeSet;
-use std::ffi::{CStr, CString, c_void};
+mod messenger;
+mod opening;
+mod physical;
+
+use std::ffi::{CStr, CString};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use ash::vk;
 
 use crate::error::{Error, Result};
-use crate::free_memory;
+use messenger::Messenger;
+use opening::{create_instance, load, no_device, open, require_validation_layer};
+pub use physical::{DeviceKind, DeviceReport, devices, queue_family, sharing_extensions};
+use physical::{report, select};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
-
-/// Messages kept of the validation layers; later ones are counted out by the length alone.
-const MESSAGES_KEPT: usize = 1000;
-
-/// What a device is, in the order in which they are preferred.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum DeviceKind {
-    /// A graphics card.
-    Discrete,
-    /// A GPU that shares the processor's memory.
-    Integrated,
-    /// A GPU of a virtual machine.
-    Virtual,
-    /// A software implementation, such as lavapipe.
-    Cpu,
-    /// Something else.
-    Other,
-}
-
-impl DeviceKind {
-    fn of(kind: vk::PhysicalDeviceType) -> Self {
-        match kind {
-            vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
-            vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
-            vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::Virtual,
-            vk::PhysicalDeviceType::CPU => DeviceKind::Cpu,
-            _ => DeviceKind::Other,
-        }
-    }
-}
-
-/// A Vulkan device of this machine.
-#[derive(Clone, Debug)]
-pub struct DeviceReport {
-    /// The driver's name for it.
-    pub name: String,
-    /// What it is.
-    pub kind: DeviceKind,
-    /// The highest Vulkan version that it offers, as `major.minor.patch`.
-    pub api_version: String,
-    /// VkPhysicalDeviceIDProperties::deviceUUID, the same in OpenCL's `cl_khr_device_uuid`.
-    pub uuid: [u8; 16],
-    /// Whether memory of the host can be imported (VK_EXT_external_memory_host).
-    pub imports_host_memory: bool,
-    /// Whether memory can be exported as file descriptors (VK_KHR_external_memory_fd).
-    pub exports_fd: bool,
-    /// Why it cannot be used; `None` if it can.
-    pub unusable: Option<String>,
-}
 
 /// How to open a context of one's own.
 #[derive(Clone, Debug, Default)]
@@ -111,32 +68,9 @@ pub(super) struct Inner {
     owned: bool,
 }
 
-struct Messenger {
-    functions: ash::ext::debug_utils::Instance,
-    handle: vk::DebugUtilsMessengerEXT,
-    messages: Arc<Mutex<Vec<String>>>,
-}
-
 impl std::fmt::Debug for Context {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Context").field(&self.0.report).finish()
-    }
-}
-
-/// Every Vulkan device of this machine, usable or not, in the driver's order.
-///
-/// # Errors
-/// [`Error::NoDevice`] where there is no Vulkan loader or it gives no instance.
-pub fn devices() -> Result<Vec<DeviceReport>> {
-    let entry = load()?;
-    let instance = create_instance(&entry, &[], &[])?;
-    // SAFETY: the instance is valid and is destroyed once, after its last use.
-    unsafe {
-        let found = instance.enumerate_physical_devices();
-        let reports =
-            found.map(|list| list.iter().map(|&device| report(&instance, device, &[])).collect::<Vec<_>>());
-        instance.destroy_instance(None);
-        reports.map_err(|code| no_device(format!("the devices could not be listed ({code})")))
     }
 }
 
@@ -311,218 +245,9 @@ impl Drop for Inner {
     }
 }
 
-impl Messenger {
-    fn new(entry: &ash::Entry, instance: &ash::Instance) -> Result<Self> {
-        let functions = ash::ext::debug_utils::Instance::new(entry, instance);
-        let messages = Arc::new(Mutex::new(Vec::new()));
-        let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
-            .message_severity(
-                vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
-            )
-            .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-            .pfn_user_callback(Some(keep_message))
-            .user_data(Arc::as_ptr(&messages).cast_mut().cast());
-        // SAFETY: the extension is enabled; the user data lives in the messenger's own Arc, which is
-        // dropped after the handle is destroyed.
-        let handle = unsafe { functions.create_debug_utils_messenger(&info, None) }
-            .map_err(|code| no_device(format!("the validation layer cannot be listened to ({code})")))?;
-        Ok(Messenger { functions, handle, messages })
-    }
-}
-
-/// Keeps a validation message.
-///
-/// # Safety
-/// Called by the validation layer: `data` is valid, and `user` is the messages' mutex.
-unsafe extern "system" fn keep_message(
-    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
-    _kind: vk::DebugUtilsMessageTypeFlagsEXT,
-    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
-    user: *mut c_void,
-) -> vk::Bool32 {
-    // SAFETY: by the function's contract; the message is a string that ends with a zero.
-    let (messages, text) = unsafe {
-        let text = (*data).message_as_c_str().map(|text| text.to_string_lossy().into_owned());
-        (&*user.cast::<Mutex<Vec<String>>>(), text)
-    };
-    let mut messages = lock(messages);
-    if messages.len() < MESSAGES_KEPT {
-        messages.push(text.unwrap_or_default());
-    }
-    vk::FALSE
-}
-
 /// A mutex that a panic elsewhere has poisoned still guards valid data here.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Loaders and drivers without memory fail in any way.
-fn no_device(problem: String) -> Error {
-    let problem = match free_memory::tight_limit() {
-        Some(limit) => format!(
-            "{problem}; this process may use {} MiB of memory, which may be the reason: raise the limit (ulimit -v)",
-            limit >> 20
-        ),
-        None => problem,
-    };
-    Error::NoDevice { kind: "Vulkan", problem }
-}
-
-fn load() -> Result<ash::Entry> {
-    // SAFETY: loading runs the initialisers of the system's Vulkan loader, which is trusted.
-    unsafe { ash::Entry::load() }.map_err(|_| {
-        no_device(
-            "the Vulkan loader is not installed; install libvulkan1 and a driver, such as mesa-vulkan-drivers"
-                .to_string(),
-        )
-    })
-}
-
-fn require_validation_layer(entry: &ash::Entry) -> Result<()> {
-    // SAFETY: only the loader is asked.
-    let layers = unsafe { entry.enumerate_instance_layer_properties() }.unwrap_or_default();
-    if layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
-        return Ok(());
-    }
-    Err(no_device("the validation layer is not installed; install vulkan-validationlayers".to_string()))
-}
-
-fn create_instance(entry: &ash::Entry, layers: &[&CStr], extensions: &[&CStr]) -> Result<ash::Instance> {
-    let application = vk::ApplicationInfo::default()
-        .application_name(c"foveate")
-        .engine_name(c"foveate")
-        .api_version(vk::API_VERSION_1_1);
-    let layers: Vec<_> = layers.iter().map(|name| name.as_ptr()).collect();
-    let extensions: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
-    let info = vk::InstanceCreateInfo::default()
-        .application_info(&application)
-        .enabled_layer_names(&layers)
-        .enabled_extension_names(&extensions);
-    // SAFETY: the strings outlive the call.
-    unsafe { entry.create_instance(&info, None) }.map_err(|code| {
-        no_device(match code {
-            vk::Result::ERROR_INCOMPATIBLE_DRIVER => {
-                "no driver was found; install one, such as mesa-vulkan-drivers".to_string()
-            }
-            vk::Result::ERROR_EXTENSION_NOT_PRESENT => {
-                "the drivers cannot show windows on this system; use the mock headset".to_string()
-            }
-            _ => format!("no instance can be made ({code}); check the driver with vulkaninfo"),
-        })
-    })
-}
-
-/// The family with graphics and compute, for those who make their own device.
-pub fn queue_family(instance: &ash::Instance, device: vk::PhysicalDevice) -> Option<u32> {
-    let wanted = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
-    // SAFETY: the device belongs to the instance.
-    let families = unsafe { instance.get_physical_device_queue_family_properties(device) };
-    families.iter().position(|family| family.queue_flags.contains(wanted)).map(|index| index as u32)
-}
-
-/// The extensions to enable on a device, of those it offers, so that its memory can be shared.
-pub fn sharing_extensions(instance: &ash::Instance, device: vk::PhysicalDevice) -> Vec<&'static CStr> {
-    let wanted = [ash::ext::external_memory_host::NAME, ash::khr::external_memory_fd::NAME];
-    let offered = extensions_of(instance, device);
-    wanted.into_iter().filter(|name| offered.contains(*name)).collect()
-}
-
-fn extensions_of(instance: &ash::Instance, device: vk::PhysicalDevice) -> BTreeSet<CString> {
-    // SAFETY: the device belongs to the instance.
-    let listed = unsafe { instance.enumerate_device_extension_properties(device) }.unwrap_or_default();
-    listed.iter().filter_map(|entry| entry.extension_name_as_c_str().ok().map(CStr::to_owned)).collect()
-}
-
-fn report(instance: &ash::Instance, device: vk::PhysicalDevice, required: &[CString]) -> DeviceReport {
-    let mut ids = vk::PhysicalDeviceIDProperties::default();
-    let mut properties = vk::PhysicalDeviceProperties2::default();
-    // SAFETY: the device belongs to the instance.
-    let version = unsafe { instance.get_physical_device_properties(device) }.api_version;
-    if version >= vk::API_VERSION_1_1 {
-        properties = properties.push_next(&mut ids);
-    }
-    // SAFETY: as above; the chain holds structs of Vulkan 1.1, which the instance is made for.
-    unsafe { instance.get_physical_device_properties2(device, &mut properties) };
-    let properties = properties.properties;
-    let extensions = extensions_of(instance, device);
-    let missing = required.iter().find(|name| !extensions.contains(*name));
-    let unusable = if version < vk::API_VERSION_1_1 {
-        Some("it offers only Vulkan 1.0, and 1.1 is needed".to_string())
-    } else if queue_family(instance, device).is_none() {
-        Some("it has no queue for both graphics and compute".to_string())
-    } else {
-        missing.map(|name| format!("it lacks {}", name.to_string_lossy()))
-    };
-    DeviceReport {
-        name: properties.device_name_as_c_str().unwrap_or(c"unnamed").to_string_lossy().into_owned(),
-        kind: DeviceKind::of(properties.device_type),
-        api_version: format!(
-            "{}.{}.{}",
-            vk::api_version_major(version),
-            vk::api_version_minor(version),
-            vk::api_version_patch(version)
-        ),
-        uuid: ids.device_uuid,
-        imports_host_memory: extensions.contains(ash::ext::external_memory_host::NAME),
-        exports_fd: extensions.contains(ash::khr::external_memory_fd::NAME),
-        unusable,
-    }
-}
-
-/// The device that the options ask for.
-fn select(instance: &ash::Instance, options: &ContextOptions) -> Result<vk::PhysicalDevice> {
-    // SAFETY: the instance is valid.
-    let devices = unsafe { instance.enumerate_physical_devices() }
-        .map_err(|code| no_device(format!("the devices could not be listed ({code})")))?;
-    let reports: Vec<_> =
-        devices.iter().map(|&device| report(instance, device, &options.device_extensions)).collect();
-    let named = |report: &DeviceReport| {
-        options.device.as_ref().is_none_or(|name| report.name.to_lowercase().contains(&name.to_lowercase()))
-    };
-    let best = (0..devices.len())
-        .filter(|&index| reports[index].unusable.is_none() && named(&reports[index]))
-        .min_by_key(|&index| reports[index].kind);
-    best.map(|index| devices[index]).ok_or_else(|| no_device(why_none(&reports, options)))
-}
-
-fn why_none(reports: &[DeviceReport], options: &ContextOptions) -> String {
-    if reports.is_empty() {
-        return "the drivers list none; install one, such as mesa-vulkan-drivers".to_string();
-    }
-    let list: Vec<_> = reports
-        .iter()
-        .map(|report| match &report.unusable {
-            Some(reason) => format!("{} ({reason})", report.name),
-            None => report.name.clone(),
-        })
-        .collect();
-    match &options.device {
-        Some(name) => format!("none that can be used is named \"{name}\"; there are: {}", list.join(", ")),
-        None => format!("there are: {}; update the driver", list.join(", ")),
-    }
-}
-
-fn open(
-    instance: &ash::Instance,
-    physical: vk::PhysicalDevice,
-    options: &ContextOptions,
-) -> Result<(vk::PhysicalDevice, ash::Device, u32)> {
-    let found = report(instance, physical, &[]);
-    let family = queue_family(instance, physical)
-        .ok_or_else(|| no_device(format!("{} has no queue for graphics and compute", found.name)))?;
-    let mut extensions: Vec<&CStr> = options.device_extensions.iter().map(CString::as_c_str).collect();
-    extensions.extend(sharing_extensions(instance, physical));
-    let extensions: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
-    let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
-    let info =
-        vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
-    // SAFETY: the extensions are offered by the device, or were checked for; the strings outlive the call.
-    let device = unsafe { instance.create_device(physical, &info, None) }.map_err(|code| Error::Device {
-        device: found.name,
-        problem: format!("it cannot be opened ({code}); close programs that use it, or choose another"),
-    })?;
-    Ok((physical, device, family))
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! The threads against a bus that plugs and unplugs, without a kernel.
 
+use super::hid::{Failure, Port, READ_BYTES};
+use super::reader::*;
 use super::*;
 use crate::headset::rift_dk1::report::{Configuration, KeepAlive, SerialNumber};
 use crate::headset::rift_dk1::simulate::{Faults, Frame, HeadMotion, Stream, Surroundings, Unit};

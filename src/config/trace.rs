@@ -1,0 +1,86 @@
+//! How samples are traced.
+
+use serde::{Deserialize, Serialize};
+
+use crate::bench::Choice;
+use crate::gpu::opencl::Device;
+use crate::trace;
+
+/// How samples are traced.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TraceConfig {
+    /// Light rays per sample.
+    pub rays: u32,
+    /// Further bounces of light by paths.
+    pub bounces: u32,
+    /// Where light of further bounces comes from.
+    pub indirect: Indirect,
+    /// More camera rays in each pixel where guided reconstruction finds an edge; 0 leaves edges jagged.
+    pub edge_rays: u32,
+    /// Seed of the random numbers: the same picture for the same seed on the same device.
+    pub seed: u32,
+    /// Which variant of the kernels is used.
+    pub traversal: TraversalConfig,
+}
+
+/// Where light comes from that surfaces have reflected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Indirect {
+    /// A cache that is kept over frames, with guided reconstruction of fewer samples than pixels and no bounces.
+    Cache,
+    /// Paths alone, of as many bounces as are given.
+    Paths,
+}
+
+/// A variant of the kernels, or the fastest ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TraversalConfig {
+    /// The fastest for each kind of ray, by a measurement at the device's first start.
+    Auto,
+    /// Rays that belong together share a work-item.
+    Packet,
+    /// A work-item follows one ray after the other.
+    SingleRay,
+}
+
+impl TraversalConfig {
+    /// The variant that is forced, if any is.
+    pub fn forced(self) -> Option<trace::Traversal> {
+        match self {
+            TraversalConfig::Auto => None,
+            TraversalConfig::Packet => Some(trace::Traversal::Packet),
+            TraversalConfig::SingleRay => Some(trace::Traversal::SingleRay),
+        }
+    }
+
+    /// The variants on a device: measured at its first start, where none is forced.
+    pub fn on(self, device: &Device) -> Choice {
+        self.forced().map_or_else(|| Choice::of(device), Choice::forced)
+    }
+}
+
+impl From<trace::Traversal> for TraversalConfig {
+    fn from(traversal: trace::Traversal) -> TraversalConfig {
+        match traversal {
+            trace::Traversal::Packet => TraversalConfig::Packet,
+            trace::Traversal::SingleRay => TraversalConfig::SingleRay,
+        }
+    }
+}
+
+impl Default for TraceConfig {
+    fn default() -> Self {
+        let indirect = Indirect::Cache;
+        TraceConfig {
+            rays: 32,
+            bounces: 0,
+            indirect,
+            edge_rays: 2,
+            seed: 0,
+            traversal: TraversalConfig::Auto,
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! Numbers that mean the same to the host and to kernels.
+
+/// Constants that kernels share, by their names there.
+pub(super) fn named() -> [(&'static str, u32); 24] {
+    [
+        ("LEAF", LEAF),
+        ("EMPTY", EMPTY),
+        ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
+        ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
+        ("TRIANGLE_MOVES", TRIANGLE_MOVES),
+        ("SURFACE_MOVES", SURFACE_MOVES),
+        ("UNTRACED", UNTRACED),
+        ("SUN_VISIBLE", SUN_VISIBLE),
+        ("CACHE_CELLS", CACHE_CELLS),
+        ("MEET_BLENDS", MEET_BLENDS),
+        ("MATERIAL_LAYERED", MATERIAL_LAYERED),
+        ("MATERIAL_TINTED", MATERIAL_TINTED),
+        ("MATERIAL_GLOSSINESS", MATERIAL_GLOSSINESS),
+        ("MATERIAL_SOLID", MATERIAL_SOLID),
+        ("SPECULAR_TEXTURE", 5),
+        ("SPECULAR_COLOR_TEXTURE", 6),
+        ("COAT_TEXTURE", 7),
+        ("COAT_ROUGHNESS_TEXTURE", 8),
+        ("COAT_NORMAL_TEXTURE", 9),
+        ("SHEEN_COLOR_TEXTURE", 10),
+        ("SHEEN_ROUGHNESS_TEXTURE", 11),
+        ("ANISOTROPY_TEXTURE", 12),
+        ("TRANSMISSION_TEXTURE", 13),
+        ("IS_MAPPED", IS_MAPPED),
+    ]
+}
+
+/// In [`super::WideNode::children`]: a child slot without a child.
+pub const EMPTY: u32 = u32::MAX;
+/// Marks a child that is a leaf: then bits 28..31 hold its number of triangles less one, and the
+/// low 28 bits its first triangle in leaf order.
+pub const LEAF: u32 = 1 << 31;
+/// A hit needs a look at the material's alpha.
+pub const TRIANGLE_ALPHA: u32 = 1 << 26;
+/// Seen from behind too.
+pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+/// It is elsewhere in other frames.
+pub const TRIANGLE_MOVES: u32 = 1 << 28;
+/// In [`super::VisibilityRecord::mapped`]: what is seen is elsewhere in other frames.
+pub const SURFACE_MOVES: u32 = 1 << 24;
+/// In [`super::HitRecord::triangle`]: nothing was traced here, and nobody may follow it.
+pub const UNTRACED: u32 = u32::MAX - 1;
+/// In [`super::VisibilityRecord::normal`]: the sun's centre is visible.
+pub const SUN_VISIBLE: u32 = 1 << 31;
+/// Cells of the cache of light.
+pub const CACHE_CELLS: u32 = 1 << 18;
+/// The seed with which what is seen is every BLEND surface, instead of some by chance.
+pub const MEET_BLENDS: u32 = u32::MAX;
+/// In [`super::Material::extras`]: more than metallic-roughness.
+pub const MATERIAL_LAYERED: u32 = 1;
+/// In [`super::Material::extras`]: the specular reflection has a colour, and what passes it has none of its own.
+pub const MATERIAL_TINTED: u32 = 2;
+/// In [`super::Material::extras`]: the metallic-roughness texture has glossiness in A, and no metalness.
+pub const MATERIAL_GLOSSINESS: u32 = 4;
+/// In [`super::Material::extras`]: transmissive material has an inside, and refracts.
+pub const MATERIAL_SOLID: u32 = 8;
+/// In [`super::SampleRecord::toward`]: the surface has a normal map.
+pub const IS_MAPPED: u32 = 1 << 30;
+/// Materials at most: what [`super::Triangle::packed`] can hold.
+pub const MAX_MATERIALS: usize = 1 << 20;

@@ -1,0 +1,39 @@
+//! Every struct that the host and a kernel both read, in one place.
+//!
+//! Fields are `f32`, `u32` and arrays of them. OpenCL's copies are in `kernels/shared/types.h`, which
+//! [`types_header`] writes and a test compares; the Vulkan shaders read the two records that cross
+//! from OpenCL, and nothing else.
+
+mod cache;
+mod constants;
+mod frame;
+mod kernel_type;
+mod packing;
+mod scene;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+pub use cache::{CacheCell, CacheInfo, CacheSum};
+pub use constants::*;
+pub use frame::{Camera, HitRecord, SampleRecord, Shading, VisibilityRecord};
+pub use packing::{
+    pack_emission, pack_normal, pack_normal24, pack_surface, unpack_emission, unpack_normal, unpack_normal24,
+    unpack_surface,
+};
+pub use scene::{
+    DirectionCell, Emitter, EnvironmentTexel, Light, LightNode, Material, TextureInfo, TextureUse, Triangle,
+};
+pub use tree::{CompactNode, WideNode};
+
+/// The text of `kernels/shared/types.h`.
+pub fn types_header() -> String {
+    let mut header = String::from("// Written from src/layout/: change it there.\n\n");
+    for structs in [frame::opencl, scene::opencl, cache::opencl, tree::opencl] {
+        header += &structs();
+    }
+    for (name, value) in constants::named() {
+        header += &format!("#define {name} {value:#x}u\n");
+    }
+    header
+}
