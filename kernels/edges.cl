@@ -8,10 +8,12 @@
 #define WINDOW (AROUND * WINDOW_ROW + WINDOW_ROW)
 #define FLATS_KEPT 16u
 
-typedef struct {
+typedef struct Surroundings {
     const Scene *scene;
     const Camera *camera;
     uint left, top;
+    // Where the pixel lies that is looked at.
+    uint place;
     // A pixel's width at depth 1 metre.
     float pixel;
     uint triangle[WINDOW];
@@ -86,16 +88,6 @@ static Flat flat_of(Window *w, const Seen *s)
     return flat;
 }
 
-static bool on_one_surface(Window *w, const Seen *a, const Seen *b)
-{
-    if (a->triangle == b->triangle)
-        return true;
-    if (!IS_HIT(a->triangle) || !IS_HIT(b->triangle))
-        return false;
-    Flat p = flat_of(w, a), q = flat_of(w, b);
-    return flats_agree(&p, &q, a, b, w->pixel);
-}
-
 // What the records say of the window's surfaces.
 typedef struct {
     // The roots of the base colours in 8 bits each.
@@ -124,8 +116,8 @@ static void load_looks(Looks *l, const Window *w, __global const VisibilityRecor
         uint start = clamped(w->top, row, w->camera->height) * w->camera->width;
         for (uint column = 0; column < AROUND; ++column) {
             __global const VisibilityRecord *record = records + start + clamped(w->left, column, w->camera->width);
-            uint place = row * WINDOW_ROW + column, base = record->base;
-            l->base[place] = (base >> 8 & 255u) | (base >> 16 & 0xff00u) | (record->surface & 0xff0u) << 12;
+            uint place = row * WINDOW_ROW + column;
+            l->base[place] = base_in_bytes(record->base, record->surface);
             l->emission[place] = record->emission;
         }
         float16 x, y, z;
@@ -194,7 +186,7 @@ static void mark_pairs(Window *w, const Looks *l, uint step, uint first_row, con
             uint lane = lowest_bit(left), at = start + lane;
             ulong bits = block_bit(at) | block_bit(at + step);
             Seen a = seen_at(w, at), b = seen_at(w, at + step);
-            if ((differ >> lane & 1u) && !on_one_surface(w, &a, &b))
+            if ((differ >> lane & 1u) && !on_one_surface(w, &a, &b, w->pixel))
                 edges->surface |= bits;
             else if (shadows >> lane & 1u)
                 edges->shadow |= bits;
@@ -228,56 +220,17 @@ static Edges find_edges(Window *w, __global const VisibilityRecord *records)
     return edges;
 }
 
-// Whether neighbour `i` of a pixel of the window lies in the picture, and its place.
-static bool neighbour_of(const Window *w, uint place, uint i, uint *neighbour)
+static bool lies_inside(const Window *w, int2 step)
 {
-    int2 step = step_to(i);
-    uint row = place / WINDOW_ROW + step.y, column = place % WINDOW_ROW + step.x;
-    *neighbour = row * WINDOW_ROW + column;
+    uint row = w->place / WINDOW_ROW + step.y, column = w->place % WINDOW_ROW + step.x;
     return w->left + column - 1u < w->camera->width && w->top + row - 1u < w->camera->height;
 }
 
-// Which of a pixel's eight neighbours sees the surface that was hit at `point` in the pixel; 8 if none does.
-static uint neighbour_that_sees(Window *w, uint place, const Seen *hit, float2 point)
-{
-    uint best = 8u;
-    float nearest = INFINITY;
-    for (uint i = 0; i < 8u; ++i) {
-        uint neighbour;
-        float2 away = convert_float2(step_to(i)) + 0.5f - point;
-        float distance = dot(away, away);
-        if (distance >= nearest || !neighbour_of(w, place, i, &neighbour))
-            continue;
-        Seen other = seen_at(w, neighbour);
-        if (on_one_surface(w, hit, &other)) {
-            best = i;
-            nearest = distance;
-        }
-    }
-    return best;
-}
+static uint place_beside(const Window *w, int2 step) { return w->place + step.y * (int)WINDOW_ROW + step.x; }
 
-// What a pixel's record says at a shadow's edge, from how many neighbours it separates from the pixel: where three in a row
-// are, as along a straight edge, an eighth: the edge lies in one of the two pixels beside it, and there it cuts
-// off a quarter on average.
-static uint share_of_shadow(Window *w, uint place)
-{
-    uint winner = 0u, apart = 0u;
-    Seen own = seen_at(w, place);
-    for (uint i = 0; i < 8u; ++i) {
-        uint neighbour;
-        if (!neighbour_of(w, place, i, &neighbour) || !((w->normal[place] ^ w->normal[neighbour]) & SUN_VISIBLE))
-            continue;
-        Seen other = seen_at(w, neighbour);
-        if (!on_one_surface(w, &own, &other))
-            continue;
-        ++apart;
-        // One that shares a side with the pixel, if there is one.
-        int2 step = step_to(i);
-        winner = apart == 1u || step.x == 0 || step.y == 0 ? i : winner;
-    }
-    return packed_shadow(winner, apart);
-}
+static uint normal_beside(const Window *w, int2 step) { return w->normal[place_beside(w, step)]; }
+
+static Seen seen_beside(const Window *w, int2 step) { return seen_at(w, place_beside(w, step)); }
 
 // Adds the neighbours' shares to the records of all pixels of the tiles first .. first + tile_count; a work-item
 // takes 8 by 8 of them. It reads neighbours' records while others write theirs: of these it looks only at bits
@@ -295,7 +248,8 @@ __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global c
     for (ulong shadow = edges.shadow; shadow; shadow &= shadow - 1ul) {
         uint i = lowest_bit64(shadow);
         uint x = left + i % BLOCK, y = top + i / BLOCK;
-        records[y * camera.width + x].normal |= share_of_shadow(&window, window_place(i));
+        window.place = window_place(i);
+        records[y * camera.width + x].normal |= share_of_shadow(&window, window.pixel);
     }
     ulong waiting = edges.surface;
     if (!waiting)
@@ -327,16 +281,12 @@ __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global c
         for (uint p = 0; p < count; ++p) {
             uint x = left + pixels[p] % BLOCK, y = top + pixels[p] / BLOCK;
             uint votes[8] = {0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u};
-            uint place = window_place(pixels[p]);
-            Seen own = seen_at(&window, place);
+            window.place = window_place(pixels[p]);
+            Seen own = seen_at(&window, window.place);
             for (uint ray = 0; ray < rays; ++ray) {
                 uint i = p * rays + ray;
-                Seen other = {((uint *)block.triangle)[i], ((float *)block.t_max)[i], block_ray(&block, i)};
-                if (on_one_surface(&window, &own, &other))
-                    continue;
-                uint neighbour = neighbour_that_sees(&window, place, &other, point_in_pixel(ray, rays));
-                if (neighbour < 8u)
-                    ++votes[neighbour];
+                Seen hit = {((uint *)block.triangle)[i], ((float *)block.t_max)[i], block_ray(&block, i)};
+                vote(&window, &own, &hit, point_in_pixel(ray, rays), window.pixel, votes);
             }
             records[y * camera.width + x].normal |= packed_share(votes, rays);
         }

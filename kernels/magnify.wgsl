@@ -44,33 +44,21 @@ fn place_of(at: vec2<f32>) -> u32 {
     return nearest.y * parameters.width + nearest.x;
 }
 
-// The point of the view in which a point relative to its eye is seen; the nearest one where it is seen in none.
 fn traced_point(point: vec3<f32>) -> vec2<f32> {
     let ahead = max(dot(warp[0].ahead.xyz, point), 1e-6);
     return point_of_view(vec2(dot(warp[0].x.xyz, point), dot(warp[0].y.xyz, point)) / ahead - 0.5);
 }
 
-const WARP_STEPS = 3;
+fn unmoved(at: vec2<f32>) -> vec2<f32> {
+    return point_of_view(at);
+}
 
-// As `warped` of reconstruct.wgsl, between pixels.
-fn warped(at: vec2<f32>) -> vec2<f32> {
-    if warp[0].offset.w == 0.0 {
-        return point_of_view(at);
-    }
-    let rays = warp[0].rays;
-    let direction = rays.corner.xyz + at.x * rays.across.xyz + at.y * rays.down.xyz;
-    let axis = vec3(rays.corner.w, rays.across.w, rays.down.w);
-    var found = traced_point(direction);
-    for (var step = 0; step < WARP_STEPS; step++) {
-        let depth = visibility[place_of(found)].depth;
-        if !(depth > 0.0) {
-            return found;
-        }
-        let nearest = floor(found + 0.5);
-        let seen = point_at(parameters.rays, warp[0].spacing, nearest.x, nearest.y, depth) - warp[0].offset.xyz;
-        found = traced_point(warp[0].offset.xyz + direction * max(dot(axis, seen), 1e-3));
-    }
-    return found;
+fn view_spacing() -> Spacing {
+    return warp[0].spacing;
+}
+
+fn depth_near(at: vec2<f32>) -> f32 {
+    return visibility[place_of(at)].depth;
 }
 
 fn radiance_at(at: vec2<f32>) -> vec3<f32> {
@@ -105,25 +93,8 @@ fn color_at(at: vec2<f32>) -> vec4<f32> {
     return overlaid(encode(radiance_at(at)), picture, own && all(abs(picture - centre) < vec2(0.5001)));
 }
 
-struct PixelWithDepth {
-    @location(0) color: vec4<f32>,
-    @builtin(frag_depth) depth: f32,
-}
-
 @fragment
 fn magnified_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
     let at = warped(picture_pixel(position));
     return PixelWithDepth(color_at(at), shown_depth(at));
-}
-
-// As in reconstruct.wgsl, of the nearest pixel.
-fn shown_depth(at: vec2<f32>) -> f32 {
-    let depth = visibility[place_of(at)].depth;
-    if !(depth > 0.0) {
-        return 0.0;
-    }
-    let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
-    let nearest = floor(at + 0.5);
-    let seen = point_at(parameters.rays, warp[0].spacing, nearest.x, nearest.y, depth) - warp[0].offset.xyz;
-    return clamp(parameters.nearest_depth / max(dot(axis, seen), parameters.nearest_depth), 0.0, 1.0);
 }

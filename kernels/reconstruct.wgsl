@@ -65,44 +65,25 @@ fn view_pixel(position: vec4<f32>) -> vec2<u32> {
     return vec2<u32>(vec2<i32>(position.xy) + vec2(parameters.shift_x, parameters.shift_y));
 }
 
-// The pixel of the traced view in which a point relative to its eye is seen; the nearest one of the
-// band where it is seen in none.
-fn traced_pixel(point: vec3<f32>) -> vec2<u32> {
+// Nearest pixels of the band.
+fn traced_point(point: vec3<f32>) -> vec2<f32> {
     let ahead = max(dot(warp[0].ahead.xyz, point), 1e-6);
     let at = vec2(dot(warp[0].x.xyz, point), dot(warp[0].y.xyz, point)) / ahead;
     let first = vec2(0.0, f32(parameters.first_row));
     let last = vec2(f32(parameters.width), f32(parameters.first_row + parameters.rows)) - 1.0;
-    return vec2<u32>(clamp(at, first, last));
+    return floor(clamp(at, first, last));
 }
 
-// The direction of a pixel of the picture as shown.
-fn shown_direction(at: vec2<u32>) -> vec3<f32> {
-    let rays = warp[0].rays;
-    return rays.corner.xyz + f32(at.x) * rays.across.xyz + f32(at.y) * rays.down.xyz;
+fn unmoved(at: vec2<f32>) -> vec2<f32> {
+    return at;
 }
 
-// How often the depth of a pixel is asked for until it is the depth of what is seen there.
-const WARP_STEPS = 3;
+fn view_spacing() -> Spacing {
+    return spacing;
+}
 
-// The traced pixel that a pixel of the picture as shown sees. The depth along its ray is not known; what
-// is known is the depth of each traced pixel, so a fixed point is looked for (Bowles et al. 2012,
-// "Iterative image warping"), from infinitely far away on.
-fn warped(at: vec2<u32>) -> vec2<u32> {
-    if warp[0].offset.w == 0.0 {
-        return at;
-    }
-    let direction = shown_direction(at);
-    let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
-    var found = traced_pixel(direction);
-    for (var step = 0; step < WARP_STEPS; step++) {
-        let depth = visibility[place_in_band(found)].depth;
-        if !(depth > 0.0) {
-            return found;
-        }
-        let seen = point_at(parameters.rays, spacing, f32(found.x), f32(found.y), depth) - warp[0].offset.xyz;
-        found = traced_pixel(warp[0].offset.xyz + direction * max(dot(axis, seen), 1e-3));
-    }
-    return found;
+fn depth_near(at: vec2<f32>) -> f32 {
+    return visibility[place_in_band(vec2<u32>(at))].depth;
 }
 
 @fragment
@@ -110,7 +91,7 @@ fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     var at = view_pixel(position);
     // No depths are known here: only turns are corrected.
     if warp[0].offset.w != 0.0 {
-        at = traced_pixel(shown_direction(at));
+        at = vec2<u32>(traced_point(shown_direction(vec2<f32>(at))));
     }
     let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
@@ -248,7 +229,7 @@ fn edge_of(normal: u32) -> Edge {
 
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    let at = warped(view_pixel(position));
+    let at = vec2<u32>(warped(vec2<f32>(view_pixel(position))));
     return overlaid(encode(guided_color(at)), vec2<f32>(at), is_sampled(at));
 }
 
@@ -262,28 +243,11 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
     shaded[id.y * parameters.width + id.x] = pack_radiance(max(guided_color(id.xy), vec3(0.0)));
 }
 
-struct PixelWithDepth {
-    @location(0) color: vec4<f32>,
-    @builtin(frag_depth) depth: f32,
-}
-
 @fragment
 fn guided_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
-    let at = warped(view_pixel(position));
+    let at = vec2<u32>(warped(vec2<f32>(view_pixel(position))));
     let color = overlaid(encode(guided_color(at)), vec2<f32>(at), is_sampled(at));
-    return PixelWithDepth(color, shown_depth(at));
-}
-
-// How far what a traced pixel sees is from the shown eye, along its axis: 1 at the nearest depth, 0 infinitely
-// far away.
-fn shown_depth(at: vec2<u32>) -> f32 {
-    let depth = visibility[place_in_band(at)].depth;
-    if !(depth > 0.0) {
-        return 0.0;
-    }
-    let axis = vec3(warp[0].rays.corner.w, warp[0].rays.across.w, warp[0].rays.down.w);
-    let seen = point_at(parameters.rays, spacing, f32(at.x), f32(at.y), depth) - warp[0].offset.xyz;
-    return clamp(parameters.nearest_depth / max(dot(axis, seen), parameters.nearest_depth), 0.0, 1.0);
+    return PixelWithDepth(color, shown_depth(vec2<f32>(at)));
 }
 
 // The radiance of a pixel, with what its neighbour shares of it.

@@ -4,6 +4,19 @@
 //! The other process is this program again. It tells on standard output what it begins ([`stage`]) and what it found
 //! ([`answer`]), in lines with a mark, since drivers print there too. Its standard input stays open for as long as
 //! whoever started it lives; when that is closed, it ends.
+//!
+//! **Kernels tried by another process.** A driver may crash, hang or answer wrongly over a kernel: Mesa's
+//! rusticl ended the program over a compiler's builtin, and Intel's CPU runtime finds wrong hits in one
+//! variant. So the program starts itself (`foveate try-kernels`, hidden) to build and try each variant before
+//! it builds it in its own process: first the hits of 750 rays against the reference, then times. Where the
+//! process ends without an answer, each variant gets one to itself; one that fails, crashes or is silent for
+//! five minutes is out, with what was being done and the driver's last words as the reason, and the other is
+//! taken. The kernels of a scene's frames are tried the same way once for each driver, text and set of
+//! features. Verdicts are kept beside the measurements, failures for a day. `foveate devices` asks everything
+//! in another process, part by part, and leaves out what ended it. Memory that a driver sets aside for
+//! work-items' stacks counts when a scene is held against a graphics card's memory
+//! (`SceneData::check_fit_with_stacks`). `scripts/opencl-drivers.sh` unpacks both of these drivers, without
+//! installing them.
 
 use std::fmt;
 use std::io::{BufRead, BufReader, Read, Write};

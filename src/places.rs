@@ -1,4 +1,9 @@
 //! The user's folders, by each system's ways.
+//!
+//! Caches go to `XDG_RUNTIME_DIR`, or to a private folder for temporary files, where the usual place cannot
+//! be written: drivers need one. `foveate tracker` keeps what it learns in the user's state folder, which
+//! `XDG_STATE_HOME` names, and trees and measurements of kernels are kept in the user's cache, which
+//! `XDG_CACHE_HOME` names.
 
 use std::path::PathBuf;
 

@@ -2,7 +2,7 @@
 #if SINGLE_RAYS
 
 // The pixels around one, of whose records and hits it reads.
-typedef struct {
+typedef struct Surroundings {
     const Scene *scene;
     const Camera *camera;
     __global const HitRecord *hits;
@@ -14,55 +14,47 @@ typedef struct {
 
 static uint place_of(const Around *a, int2 step) { return (a->y + step.y) * a->camera->width + a->x + step.x; }
 
-static bool is_inside(const Around *a, int2 step)
+static bool lies_inside(const Around *a, int2 step)
 {
     return a->x + step.x < a->camera->width && a->y + step.y < a->camera->height;
 }
 
-static Seen seen_around(const Around *a, int2 step)
+static uint normal_beside(const Around *a, int2 step) { return a->records[place_of(a, step)].normal; }
+
+static Seen seen_beside(const Around *a, int2 step)
 {
     HitRecord hit = a->hits[place_of(a, step)];
     Seen s = {hit.triangle, hit.t, camera_ray(a->camera, a->x + step.x, a->y + step.y)};
     return s;
 }
 
-static bool lie_on_one_surface(const Around *around, const Seen *a, const Seen *b)
-{
-    if (a->triangle == b->triangle)
-        return true;
-    if (!IS_HIT(a->triangle) || !IS_HIT(b->triangle))
-        return false;
-    Flat p = flat_seen(around->scene, around->camera, a), q = flat_seen(around->scene, around->camera, b);
-    return flats_agree(&p, &q, a, b, around->pixel);
-}
-
-static uint bases_in_bytes(VisibilityRecord r) { return (r.base >> 8 & 255u) | (r.base >> 16 & 0xff00u) | (r.surface & 0xff0u) << 12; }
+static Flat flat_of(Around *a, const Seen *seen) { return flat_seen(a->scene, a->camera, seen); }
 
 static bool steps_alike(uint a, uint b, uint shift) { return abs_diff(a >> shift & 255u, b >> shift & 255u) <= SAME_BASE; }
 
 // Whether two surfaces look alike, as far as their records tell.
 static bool records_alike(VisibilityRecord a, VisibilityRecord b)
 {
-    uint base_a = bases_in_bytes(a), base_b = bases_in_bytes(b);
+    uint base_a = base_in_bytes(a.base, a.surface), base_b = base_in_bytes(b.base, b.surface);
     return steps_alike(base_a, base_b, 0u) && steps_alike(base_a, base_b, 8u) && steps_alike(base_a, base_b, 16u) &&
            a.emission == b.emission && dot3(unpack_normal24(a.normal), unpack_normal24(b.normal)) >= SAME_NORMAL;
 }
 
 // Whether the edge of a surface, or else that of the sun's shadow, separates the pixel from those beside it.
-static void find_edge(const Around *a, bool *surface, bool *shadow)
+static void find_edge(Around *a, bool *surface, bool *shadow)
 {
     uint at = place_of(a, (int2)(0, 0));
     VisibilityRecord own = a->records[at];
     for (uint i = 0; i < 4u; ++i) {
         int2 step = (int2)(i == 0u ? -1 : i == 1u ? 1 : 0, i == 2u ? -1 : i == 3u ? 1 : 0);
-        if (!is_inside(a, step))
+        if (!lies_inside(a, step))
             continue;
         VisibilityRecord other = a->records[place_of(a, step)];
         bool apart = ((own.normal ^ other.normal) & SUN_VISIBLE) != 0u;
         bool differ = a->hits[at].triangle != a->hits[place_of(a, step)].triangle;
         if (differ && (apart || !records_alike(own, other))) {
-            Seen here = seen_around(a, (int2)(0, 0)), there = seen_around(a, step);
-            if (!lie_on_one_surface(a, &here, &there)) {
+            Seen here = seen_beside(a, (int2)(0, 0)), there = seen_beside(a, step);
+            if (!on_one_surface(a, &here, &there, a->pixel)) {
                 *surface = true;
                 return;
             }
@@ -71,58 +63,16 @@ static void find_edge(const Around *a, bool *surface, bool *shadow)
     }
 }
 
-// As `share_of_shadow` of ../edges.cl.
-static uint shadow_share(const Around *a)
-{
-    uint winner = 0u, apart = 0u, own_normal = a->records[place_of(a, (int2)(0, 0))].normal;
-    Seen own = seen_around(a, (int2)(0, 0));
-    for (uint i = 0; i < 8u; ++i) {
-        int2 step = step_to(i);
-        if (!is_inside(a, step) || !((own_normal ^ a->records[place_of(a, step)].normal) & SUN_VISIBLE))
-            continue;
-        Seen other = seen_around(a, step);
-        if (!lie_on_one_surface(a, &own, &other))
-            continue;
-        ++apart;
-        winner = apart == 1u || step.x == 0 || step.y == 0 ? i : winner;
-    }
-    return packed_shadow(winner, apart);
-}
-
-// As `neighbour_that_sees` of ../edges.cl.
-static uint neighbour_seeing(const Around *a, const Seen *hit, float2 point)
-{
-    uint best = 8u;
-    float nearest = INFINITY;
-    for (uint i = 0; i < 8u; ++i) {
-        int2 step = step_to(i);
-        float2 away = convert_float2(step) + 0.5f - point;
-        float distance = dot(away, away);
-        if (distance >= nearest || !is_inside(a, step))
-            continue;
-        Seen other = seen_around(a, step);
-        if (lie_on_one_surface(a, hit, &other)) {
-            best = i;
-            nearest = distance;
-        }
-    }
-    return best;
-}
-
-static uint surface_share(const Around *a, uint rays)
+static uint surface_share(Around *a, uint rays)
 {
     uint votes[8] = {0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u};
-    Seen own = seen_around(a, (int2)(0, 0));
+    Seen own = seen_beside(a, (int2)(0, 0));
     for (uint ray = 0; ray < rays; ++ray) {
         float2 point = point_in_pixel(ray, rays);
-        Seen other = {NONE, INFINITY, ray_through(a->camera, (float2)(a->x, a->y) + point)};
-        trace_ray(a->scene, load3(a->camera->origin), load3(a->camera->origin_low), other.d, &other.t, &other.triangle, SEEN,
+        Seen hit = {NONE, INFINITY, ray_through(a->camera, (float2)(a->x, a->y) + point)};
+        trace_ray(a->scene, load3(a->camera->origin), load3(a->camera->origin_low), hit.d, &hit.t, &hit.triangle, SEEN,
                   a->camera->seed);
-        if (lie_on_one_surface(a, &own, &other))
-            continue;
-        uint neighbour = neighbour_seeing(a, &other, point);
-        if (neighbour < 8u)
-            ++votes[neighbour];
+        vote(a, &own, &hit, point, a->pixel, votes);
     }
     return packed_share(votes, rays);
 }
@@ -146,7 +96,7 @@ __kernel void share_edges(SCENE_PARAMETERS, Camera camera, uint rays, __global c
         atomic_add(&counters[0], rays);
         *normal |= surface_share(&around, rays);
     } else if (shadow) {
-        *normal |= shadow_share(&around);
+        *normal |= share_of_shadow(&around, around.pixel);
     }
 }
 #endif

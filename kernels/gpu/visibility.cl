@@ -1,4 +1,9 @@
 // What a pixel sees, a work-item a pixel: as ../visibility.cl has it for eight at a time.
+//
+// The variant for GPUs describes a pixel, asks for the sun and finds edges with a work-item for each pixel, in
+// scalars, from the code that samples use (`surface_at`); eight lanes at a time and blocks are for processors. So
+// what a work-item keeps there is one surface instead of a block's 64. Light rays are still a sample's, one after the
+// other. `both_variants_describe_the_same` holds one against the other.
 #if SINGLE_RAYS
 
 static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }

@@ -4,6 +4,13 @@
 // bound its rays; what is left meets the rays themselves, sixteen at a time, and so do triangles that
 // cross the block. The hits are those that a stream finds: volumes and distances are computed by the same
 // operations, and whatever rounding leaves open is handed to `intersect_leaf`.
+//
+// Dense visibility asks for every pixel, and neighbouring pixels see much the same: eight boxes at a time are tested
+// against the planes through the eye that bound the block, and those that reach into it meet the block's rays,
+// sixteen at a time, as triangles do. Testing the planes alone let rays visit three times as many nodes: a box beside
+// a corner of the frustum, or behind what is seen, is inside of every plane. 32 samples share a work-item and a
+// frustum in the same way. What rounding leaves open goes through the code of the streams, and a test compares the
+// hits of both.
 
 #define BLOCK 8u
 #define ROW_PAIRS 4u

@@ -1,4 +1,8 @@
 // Pixels of a block by the triangles that they see, eight at a time.
+//
+// Describing pixels one after the other took more than their rays. A block of 8 by 8 pixels sees few triangles: each
+// is prepared once, for the rays to the sun and for what is seen, and the pixels that see it are described eight at a
+// time, texture look-ups and packing in vector lanes; eight neighbours share a texture's level.
 #if !SINGLE_RAYS
 
 // The rays of eight pixels.

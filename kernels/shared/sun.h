@@ -1,6 +1,15 @@
 // Which pixels see the sun's centre: with the sun's light known, that is all that its shadows need,
 // and at every pixel they are as sharp as the picture. What lets some of the light through hides the centre where that is
 // less than half; how much it is, samples know.
+//
+// Where the sun stands is known, so all that its light needs is whether a pixel sees it. That is asked for each
+// pixel, in beams: the rays of a block of pixels are parallel, so boxes and triangles are tested against the whole
+// beam first, and what crosses it meets the rays, sixteen at a time. Shadows are then as sharp as the picture; found
+// from samples, and averaged with their neighbours, they were blurred over a dozen pixels and cost 3 dB. The rays aim
+// at the sun's centre. Half-shadows come from the samples: an eighth of their rays tells how much of the disc is
+// seen, and pixels take that from samples on their own side of the shadow's edge. On a surface with a normal map that
+// sees the sun the record's place for emitted light holds the normal with its map, which the sun's light needs; a
+// surface that also emits light keeps the vertices' normal there.
 #if !SINGLE_RAYS
 #if HAS_SUN
 

@@ -1,4 +1,12 @@
 //! Building the wide tree: a binary tree, which leaves are worth having, eight children a node.
+//!
+//! **Two tree builders.** From above by binned SAH (`src/bvh/binary.rs`), and, where some triangles fill
+//! little of their boxes, also from below with long triangles' boxes cut (PLOC; `src/bvh/improve.rs`);
+//! subtrees are then moved to better places, and the tree with the lower cost is kept. Clustering, cutting
+//! and moving are the obvhs crate's, chosen since it builds in parallel and gave better trees than our own
+//! alone: on Sponza rays visit a third fewer nodes. Boxes and depth are ours: it promises no depth, and the
+//! kernels' stacks are sized from the tree. Where bins cannot separate triangles, or after 60 levels, sets
+//! are halved by count, so that a million coincident triangles do not make the tree deep.
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -5,6 +5,16 @@
 //! order (4 bytes each). Where a file is missing, cut short or changed, the tree is built anew. Together
 //! files take at most [`MOST_BYTES`]: those that were not used for longest go first. A checksum says nothing about
 //! who wrote it: a tree is used only if it is sound ([`WideBvh::is_sound`]).
+//!
+//! **Trees on disk.** Trees of 50,000 triangles and more are kept in `$XDG_CACHE_HOME/foveate/trees` under a
+//! hash of their triangles (XXH3, by the xxhash-rust crate), at most 1 GiB together. A checksum does not tell
+//! who wrote a file, and kernels look neither at where links lead nor at how deep they go: a tree is used
+//! only if one pass over it finds every node below one parent, no hole before a child, every place in one
+//! leaf, boxes that hold what is below them, and no path longer than the stacks (`src/bvh/check.rs`).
+//! Anything else is built anew. `tests/kernels/trees.rs` sends damaged trees that pass through the kernels
+//! and wants the hits of the whole one. The cache's folders are the user's alone (mode 0700, refused where
+//! others may write), and what stands in a file's place, a link, a pipe, another user's file, is never opened
+//! or followed (`src/private_file.rs`). What a killed process has left half written is swept by the next one.
 
 use std::fs;
 use std::io::{Read, Write};

@@ -1,5 +1,9 @@
 //! Boxes that follow moved vertices while the tree keeps its shape: for instances that move from frame to frame,
 //! where a new tree would take too long.
+//!
+//! **Refit.** `WideBvh::refit` moves the boxes of a built tree to where its vertices are now, from the leaves
+//! up, and tells the change of cost, so that a caller can decide for a new tree. Compact nodes are made from
+//! the wide ones in a linear pass. A moving part's tree is fitted in the same way (`src/bvh/parted.rs`).
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -6,6 +6,9 @@
 //! zones; and since the mask is locked to the screen, a gaze that moves leaves most samples far from it
 //! where they were. Where the law asks for more than one sample a pixel, each pixel has one and the rest
 //! goes to the other pixels in proportion to the law.
+//!
+//! **A pattern locked to the screen.** A pattern that moves with the eye is simpler and a little more even,
+//! but then all its errors move too, and the periphery sees motion best. docs/foveation.md has the figures.
 
 use glam::DVec2;
 use rayon::prelude::*;

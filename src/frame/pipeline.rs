@@ -1,4 +1,36 @@
 //! A frame on one page: [`Renderer::frame`].
+//!
+//! It gets a [`Plan`] (which views are traced, and which part of each becomes which part of the picture), a
+//! gaze point for each view and a seed. For each view:
+//!
+//! - prepare_view (`src/foveation/spacing.rs`, `src/foveation/pattern.rs`, `src/reconstruct/tables.rs`): only
+//!   when gaze or view have changed: `spaced` makes the view's pixels wider where the eye resolves less
+//!   (guided; docs/foveation.md), `Pattern::new` chooses the pixels to sample, `Reconstruction::set_pattern`
+//!   has the nearest samples of each pixel and each sample found on the Vulkan device
+//! - split (`Balancer::split` in `src/frame/balance/mod.rs`): each device gets a run of the samples, and of
+//!   the tiles under them
+//! - trace (`Scheduler::trace`, `Tracer::enqueue_parts`, `kernels/trace.cl`): all devices at once; guided:
+//!   `trace_pixels` finds each pixel's first hit, `describe_pixels` (`kernels/visibility.cl`) what is seen
+//!   there and whether the sun shines on it, and `share_edges` (`kernels/edges.cl`) what neighbours fill of
+//!   it; k-NN: `trace_samples` finds the samples' hits only
+//! - light (`kernels/cache.cl`): `light_cells` brings light to the cache by a few thousand paths, and
+//!   `settle_cells` takes it in; on each device alike
+//! - shade (`kernels/shade.cl`): `shade_samples` sends the light rays of each sample and writes its record;
+//!   with guided reconstruction and a sun, some of them ask how much of its disc is seen
+//! - share (`SampleTarget::take` in `src/trace/worker.rs`): nothing for the device that writes in place; what
+//!   others have done is copied into mapped Vulkan memory
+//! - observe (`Balancer::observe`): what the devices' times say of them, and of the places of the view
+//! - reuse (`accumulate_samples` in `kernels/accumulate.wgsl`, `src/reconstruct/history.rs`): guided: each
+//!   sample takes what the last frame has accumulated where its surface point was seen then, and what the
+//!   other eye has just found there
+//! - reconstruct (`Reconstruction::submit`): `filter_samples` averages each sample with its neighbours on its
+//!   surface; a fragment shader makes each pixel, adds the sun's light to it, and writes the target; where
+//!   the view's pixels are wider than the picture's, `shade_pixels` makes the former and
+//!   `kernels/magnify.wgsl` the latter
+//!
+//! Tracing is waited for before its samples are shared; reconstruction is not, so the second eye is traced
+//! while the first is reconstructed. Then `Reconstruction::wait` collects times. `FrameReport` holds what the
+//! frame did; `src/frame/log.rs` writes it as a line of JSON.
 
 mod patterns;
 mod report;

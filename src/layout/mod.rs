@@ -3,6 +3,8 @@
 //! Fields are `f32`, `u32` and arrays of them. OpenCL's copies are in `kernels/shared/types.h`, which
 //! [`types_header`] writes and a test compares; the Vulkan shaders read the two records that cross
 //! from OpenCL, and nothing else.
+//!
+//! Records hold floats, unsigned integers and arrays of them, so that no compiler pads them.
 
 mod cache;
 mod constants;

@@ -16,6 +16,11 @@
 //!
 //! It judges luminance alone; FLIP, which is reported beside it, judges colour. FovVideoVDP answers the same
 //! question with a calibrated model, but its licence (CC BY-NC) forbids to build on it.
+//!
+//! **A foveated difference of our own.** FovVideoVDP is the calibrated model for this, but its licence (CC
+//! BY-NC) forbids to build on it, and there is no other kept implementation. The formulas are those of
+//! Geisler and Perry 1998, Wang et al. 2001, Peli 1990 and Daly 1993; the code is written from them. Its
+//! score orders pictures and is not calibrated by observers.
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;

@@ -1,4 +1,19 @@
 //! What a view's frames keep for the next one and for the other eye: light found before is carried to new samples.
+//!
+//! Light is carried at samples, not at pixels: a frame has twenty times fewer of them, and what is carried is
+//! smooth once the surface's own colours are divided out. Each sample's point is projected into the last
+//! frame's view; the samples nearest to that pixel which agree in normal and plane are averaged by distance,
+//! and the new estimate joins their mean, which holds `time.frames` estimates at most. Demodulated diffuse
+//! and specular light have ages of their own: the latter loses history as the reflected direction turns
+//! relative to the lobe's width. The share of the sun's disc that is seen is carried on its own side of a
+//! shadow's edge. The other eye lends what it has just traced, not what it has accumulated, so no estimate
+//! counts twice. Changes of light are told from noise by the mean brightness of twelve neighbours: where its
+//! quick mean leaves its slow one by more than three standard deviations and three hundredths, all estimates
+//! begin anew. A frame that finds one before it, seen from nearly the same place, sends `time.rays` of the
+//! light rays, by default half: at rest history makes up for more than that within a few frames. In motion it
+//! does not (docs/measurements.md), so all are sent. A surface that comes into view has no history there; it
+//! is filtered as a first frame is. `Renderer::forget` drops everything: after a cut, and between pictures
+//! that stand for themselves. The twin in `f64` is `src/reference/accumulate.rs`.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;

@@ -1,4 +1,7 @@
 //! The pass over the pixels of a view, band by band.
+//!
+//! **A fragment shader for pixels.** Swapchains of sRGB formats cannot be storage images, but they are always
+//! colour targets; on lavapipe both cost the same.
 
 use super::parameters::{PixelParameters, encoding};
 use super::settings::PREPARED_BYTES;

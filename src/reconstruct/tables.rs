@@ -1,4 +1,13 @@
 //! The neighbours of pixels and samples: found on the device when the pattern changes.
+//!
+//! **Blocks that search together.** Each new pattern has its pixels' and samples' nearest samples found anew,
+//! exactly. On lavapipe a lane's read of a sample costs several times what comparing it costs, so the 16
+//! pixels of a block take each sample that is read into 16 lists, with squares as the keys' upper bits: 28 ms
+//! became 12 for 1280 × 800 pixels. Rows of cells end where the circle does. A sample's 24 neighbours are
+//! looked for at once in a circle that its block's radius suggests, 1.3 times as wide as in proportion (1.05,
+//! 1.15 and 1.5 cost more), where three searches were usual: 23 ms became 11. What gained less there: groups
+//! of eight lanes that all read the same samples, for 8 × 8 pixels or for eight samples, took about two
+//! thirds of the time before (it seems that lavapipe reads lane by lane in loops all the same).
 
 use bytemuck::{Pod, Zeroable};
 

@@ -3,6 +3,11 @@
 //! Small files can unfold to any size: pictures of one colour, instances of instances, one file named many
 //! times. Each stage of loading tells here what it is about to take; what does not fit is refused in a sentence
 //! that says what takes how much.
+//!
+//! **A budget before memory.** A file of kilobytes can ask for any amount of memory: pictures of one colour,
+//! instances of instances, `{}` a million times. Lists are counted before they are parsed
+//! (`src/scene/gltf/weigh.rs`), pictures by their headers, triangles by their nodes; only then is anything
+//! made.
 
 use std::sync::Mutex;
 

@@ -1,6 +1,11 @@
 //! What a scene requires of the kernels: one pure function, a handful of flags. Emission that is only seen
 //! and a few punctual lights have none, since kernels without them were no faster and no smaller
 //! (`benches/features.rs`).
+//!
+//! `Features::required_by` folds scene and environment into nine flags; each gains by being off
+//! (`docs/measurements.md`), which emission that is only seen and a few punctual lights did not. Each becomes
+//! `-D NAME=0` or `1` (`src/trace/source.rs`), always all of them; buffers for what is off do not exist.
+//! Loading helps: a texture of one colour becomes a factor, alpha that is always one becomes opaque.
 
 use super::{AlphaMode, Environment, Scene, emitters};
 

@@ -1,4 +1,19 @@
 //! The environment as surfaces of some roughness mirror it: what pixels of glossy surfaces look up.
+//!
+//! **What pixels expect, and what samples say of it.** Reflections of smooth surfaces, and light on normal
+//! maps, change faster than samples lie. So each pixel of a glossy material (`Material::is_glossy`) has an
+//! expectation of its own (`kernels/shared/glossy.h`): the environment, filtered once for eight roughnesses
+//! (`src/scene/glossy.rs`), in the direction that its mapped normal mirrors, times Karis's fit of the BRDF's
+//! integral; where the surface is smooth and reflects much, a ray finds out whether something hides it.
+//! Samples are traced as everywhere else. What is averaged between them is not their specular light but its
+//! ratio to what their own pixels expected, which each pixel multiplies with its own expectation: the ratio
+//! estimator of Heitz et al. 2018. It changes slowly, so it is averaged more widely than specular light by
+//! itself, and what expectation misses (Fresnel's and shadowing's exact form, what hides the environment,
+//! punctual lights) comes from the samples. A fiftieth of the environment's mean is added to both before
+//! dividing and taken off afterwards, so that light that no pixel expects is added rather than multiplied.
+//! Diffuse light on a surface with a normal map goes with the mean direction of red, green and blue light
+//! (first-order spherical harmonics, resolved as by Hazel 2017): each sample divides by what that gives its
+//! own normal, each pixel multiplies by what it gives its own.
 
 use std::f32::consts::{PI, TAU};
 

@@ -4,6 +4,10 @@
 //! reduced to what matters, tangents, budgets, warnings, stand-ins) holds for it too. The file's text is
 //! tidied (`text`), read by tobj, its polygons cut into triangles (`polygons`), and its materials mapped to
 //! metallic-roughness (`mtl`, `statements`).
+//!
+//! **An OBJ is a glTF document in memory.** tobj reads its geometry; materials, pictures and nodes become the
+//! same types that a glTF file's JSON does, so that what holds for glTF (materials reduced to what matters,
+//! tangents, warnings, stand-ins, the budget) is not written twice.
 
 mod mtl;
 mod polygons;

@@ -1,4 +1,22 @@
 //! The cache of light that surfaces send, in a device's memory: see `kernels/shared/cache.h`.
+//!
+//! **A cache of light.** Reflected light rays that meet a surface look up what it sends. Cells are those of a
+//! grid in the world, found by a hash of place, size and the side that the surface faces, as in SHaRC and in
+//! kajiya's cache; they are between 1/32 and 1/16 of their distance from the eye in size, and young ones are
+//! helped out by cells four times as large. In each frame short paths start at samples spread over the view,
+//! pass up to three surfaces beyond the first, and bring each surface's cell its direct light and the
+//! reflection of what the cache knows of the next one: over frames that is light of all bounces. Samples
+//! count half after 64 steps, and earlier while the cell is young; the first frames make three steps each.
+//! What is nearer than a quarter of a cell, and what smooth surfaces reflect, is not looked up but lit by one
+//! more step, whose ray then looks up. A path also asks, along its surface, whether it sees a random place of
+//! its cell: if not, a wall parts the cell, and cells half as large count there, up to three times; then a
+//! step is made instead. So a floor that goes on under a wall lets no light through.
+//!
+//! Sums are integers of 64 bits in two words, added atomically and looked up from the next settling on, and a
+//! step depends on the view and its number alone. So devices that trace parts of a view need not exchange
+//! anything: each makes all steps for itself, which is a small part of a frame, and all know the same, bit by
+//! bit. One that has missed frames makes up for the last 96 steps; until its older samples have faded it may
+//! differ from the others within the cache's noise.
 
 use crate::error::Result;
 use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};

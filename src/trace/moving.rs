@@ -1,4 +1,28 @@
 //! A scene in motion: what its moving parts change of a scene in a device's memory, made once for all devices.
+//!
+//! **Scenes that move.** Animations, skins and morph targets are evaluated in `f64` from the file's own keys
+//! and vertices, for the time at which a frame is seen, the same for all of its views. What moves is the last
+//! part of the mesh, and each moving part (a primitive placed by a node, or one on a skin) has a tree of its
+//! own. For each frame its vertices are made anew on the host, its boxes follow from the leaves up, and the
+//! few nodes above all parts, the top, are built anew; what does not move is one more part below the top,
+//! whose tree stays. Nodes, vertices in leaf order, normals and tangents of the moving parts, moving lights,
+//! and emitters with their tree (refitted too) are then written over what devices have. A state holds all
+//! that ever differs, so that a device which has missed some, or was opened anew, needs the newest alone, and
+//! pictures are the same however they are split. Where rays visit 8 % more of a part's tree than when it was
+//! built, a new one is built in a thread of its own from where the part is then (`src/trace/rebuild.rs`), and
+//! taken after a number of frames that its triangles alone decide, so that runs repeat; parts that shine keep
+//! their trees. Kernels know nothing of it, and scenes in which nothing moves pay nothing. A still picture
+//! goes another way: the file is read as it is at that time, with one tree over all, which is what tests
+//! compare moving frames with. Rules: a part of which some vertex is not finite at an instant stays where it
+//! was; a triangle that motion has flattened gets a millionth of the scene's size as its width, since a line
+//! of no area would be met by rays that miss it; winding is that of the first instant; what is no part of the
+//! scene at the first instant, since it is not finite there, never comes. Reuse over time takes a moving
+//! surface for a still one, but its triangles say that they move, and light there begins anew in each frame
+//! (`MOVING_LONGEST`): carried to where other parts of the surface are, it made the squared error of a
+//! turning box several times that of a single frame. Where it has left its plane by more than the tolerance
+//! it begins anew. The cache of light forgets five times as fast. More than eight lights are chosen among by
+//! a tree, into which one that is dark at first never comes. Not done: instances that share one tree (each
+//! has its own copy in the world), and deformation on the device.
 
 use std::sync::{Arc, OnceLock};
 

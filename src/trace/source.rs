@@ -1,4 +1,26 @@
 //! The kernels' text, and the options they are built with.
+//!
+//! Pitfalls met by those who write kernels:
+//!
+//! - `local` is a keyword of OpenCL C, as are `global` and `constant`: no variable may be called so, and the
+//!   compiler's message does not say why.
+//! - PoCL inlines everything, and inlined tree walks with alpha tests took minutes to build. Large functions
+//!   (`trace_ray`, `occluded_streams`, `trace_block`, `surface_at`, `alpha_passes`) are marked `noinline`.
+//! - Drivers finish building kernels at the first launch, and some build anew for each group size. Group
+//!   sizes are fixed, and `foveate mock` and `foveate demo` render frames that do not count first.
+//! - In PoCL the work-items of a group share a kernel's structure arguments: what one writes there, the
+//!   others read. Kernels change copies only.
+//! - Not every driver finds include files: all OpenCL files are joined into one text.
+//! - Vectors of three floats, booleans and sizes differ between host and devices: shared records have none.
+//! - A load of one lane from a vector that was stored just before waits longer than the tests of a whole
+//!   node, and so does a branch that depends on it: what goes to a stack as vectors is read half a round
+//!   later, and unrolling a loop of such loads makes it slower.
+//! - An empty child slot has an inverted box, and a slab test that takes minimum and maximum lets it pass:
+//!   walkers look at the child's link too.
+//! - A platform without devices (Mesa's, often) answers with an error. It is skipped, not fatal.
+//! - A driver may take host memory and still keep a copy of its own behind the pointer: sharing is proven by
+//!   a probe, not believed.
+//! - `1/0` in a slab test makes 0 times infinity, which is not a number: inverses are clamped to finite ones.
 
 use super::Traversal;
 use crate::gpu::opencl::DeviceInfo;

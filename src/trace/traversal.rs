@@ -1,4 +1,17 @@
 //! How rays traverse the tree: the kernels' variants.
+//!
+//! **Streams of 32 rays.** A sample's light rays leave one point: one work-item walks the tree for 32 of
+//! them, with a mask of rays on each stack entry. Boxes and vertices are moved to the common origin once for
+//! all rays that reach them, and the eight lanes of a vector test eight boxes or triangles at a time, one ray
+//! after the other. Where nearest hits are asked for, stack entries tell where their first ray enters, and
+//! the nearest child goes on top. Sixteen streams share a work-item (`kernels/shared/streams.h`) and take
+//! turns, so that what one of them visits next has half a round to arrive from memory. It suits processors.
+//! The other variant (`kernels/shared/compact.h`) has a work-item follow one ray after the other through
+//! nodes of 80 bytes, whose boxes are bytes rounded outwards (`src/bvh/compact.rs`), and makes each camera
+//! ray a work-item of its own: for GPUs. Both find the same hits, so devices of one fleet may differ, and so
+//! may the rays of pixels and the light rays of samples on one device, which then holds the tree in both
+//! forms; compact nodes are made for the first device that walks them. `trace.traversal` forces one, `foveate
+//! bench` measures both; on no GPU has either been measured.
 
 use crate::gpu::opencl::Device;
 

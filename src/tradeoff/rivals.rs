@@ -1,5 +1,14 @@
 //! What others do, rendered with this program's own tracer, so that methods are compared and not
 //! implementations.
+//!
+//! **Rivals in the same house.** Others' methods are rendered with this program's tracer, so that methods are
+//! compared and not implementations: what they would gain from hardware made for them is not in the figures.
+//! `foveate measure` sweeps on one renderer, whose settings change between frames (`Renderer::apply`); only
+//! the kernels' other variant gets one of its own. Between any two points some frames of the given settings
+//! are timed, and what a machine's clock or neighbours did to them is taken out of all times
+//! (`Report::steady`): a sweep takes many minutes, and points are compared with each other. Late correction
+//! is judged apart: its pictures are traced from where the head was a frame before, and compared with what is
+//! seen from where it is then.
 
 use glam::{DVec2, DVec3};
 

@@ -1,5 +1,5 @@
 //! Why documents have types of our own: what the gltf crate's cannot hold, each of which people's files have
-//! (docs/architecture.md). Should one of these fail after an update of the crate, look there again.
+//! (src/scene/gltf/json.rs). Should one of these fail after an update of the crate, look there again.
 
 use gltf::json::Root;
 use serde_json::{Value, json};
