@@ -12,7 +12,7 @@ use std::time::Duration;
 use crate::error::{Error, Result};
 use crate::system;
 
-/// Tells whether [`write`] can succeed, so that nobody waits for a picture that has no place to go.
+/// Tells whether [`write()`] can succeed, so that nobody waits for a picture that has no place to go.
 /// Changes nothing.
 ///
 /// # Errors
@@ -103,7 +103,7 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>)
 /// Writes a file with `fill` in the place of whatever has its name, be it a link, which is not followed.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
     let mut growing = Growing { path: path.to_path_buf(), draft: Draft::create(path)? };
     fill(&mut growing.draft.file)?;

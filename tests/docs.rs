@@ -8,8 +8,20 @@ use std::process::Command;
 use foveate::config::Layers;
 
 /// Where files that documents name may be, besides the root.
-const FOLDERS: [&str; 11] =
-    ["src", "build", "kernels", "tests", "docs", "benches", "configs", "scripts", "fuzz", "packaging", ".ci"];
+const FOLDERS: [&str; 12] = [
+    "src",
+    "build",
+    "kernels",
+    "tests",
+    "examples",
+    "docs",
+    "benches",
+    "configs",
+    "scripts",
+    "fuzz",
+    "packaging",
+    ".ci",
+];
 /// Names that end like this are files.
 const ENDINGS: [&str; 8] = [".rs", ".md", ".toml", ".sh", ".cl", ".h", ".wgsl", ".rules"];
 /// Lines of a file of src at most.

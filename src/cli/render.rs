@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::machine::Machine;
 use super::options::{Options, RenderOptions, eye_fov};
 use super::output::{self, RenderSummary};
-use crate::config::{Config, ExposureConfig, Stereo, ViewConfig};
+use crate::config::{Config, ExposureConfig, Quality, Stereo, ViewConfig};
 use crate::error::{Error, Result};
 use crate::frame::budget;
 use crate::frame::exposure::stops_for;
@@ -96,7 +96,7 @@ fn chosen(config: Config) -> Result<Config> {
     let Some(mut controller) = budget::controller(&config, None)? else { return Ok(config) };
     output::print_warnings(&controller.take_notes());
     output::print_warnings(controller.expectation().as_slice());
-    Ok(controller.config(&config))
+    Ok(controller.quality(Quality::of(&config)).applied_to(&config))
 }
 
 /// Opens the devices while the scene loads.

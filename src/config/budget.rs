@@ -3,7 +3,7 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::check::range;
-use super::{Config, Method, Samples, WeightsConfig};
+use super::{Config, Method, Quality, Samples, WeightsConfig};
 use crate::error::{Error, Result};
 use crate::foveation::Law;
 
@@ -104,18 +104,20 @@ impl OperatingPoint {
         family(self) == family(other)
     }
 
-    /// The configuration with this point's settings.
-    pub fn applied_to(&self, config: &Config) -> Config {
-        let mut config = config.clone();
-        config.foveation.law = self.law;
-        config.foveation.samples = Samples::Share(self.samples);
-        config.trace.rays = self.rays;
-        config.trace.bounces = self.bounces;
-        config.trace.edge_rays = self.edge_rays;
-        config.reconstruction.method = self.method;
-        config.reconstruction.k = self.k;
-        config.reconstruction.weights = self.weights;
-        config
+    /// Its quality, with light of further bounces from where it came `before`.
+    pub fn quality(&self, before: Quality) -> Quality {
+        let OperatingPoint { law, rays, bounces, edge_rays, method, k, weights, .. } = *self;
+        Quality {
+            law,
+            samples: Samples::Share(self.samples),
+            rays,
+            bounces,
+            edge_rays,
+            method,
+            k,
+            weights,
+            ..before
+        }
     }
 
     /// The settings of a configuration whose views have so many pixels, with a cost and a score.

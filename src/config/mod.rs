@@ -10,6 +10,7 @@ mod foveation;
 mod headset;
 mod layers;
 pub mod preset;
+mod quality;
 mod reconstruction;
 mod scene;
 #[cfg(test)]
@@ -24,6 +25,7 @@ pub use exposure::ExposureConfig;
 pub use foveation::{FoveationConfig, Samples, USUAL_SHARE};
 pub use headset::{Dk1Config, Hand, HeadsetConfig, Turn, Walk};
 pub use layers::Layers;
+pub use quality::Quality;
 pub use reconstruction::{Method, ReconstructionConfig, TimeConfig, WeightsConfig};
 pub use scene::SceneConfig;
 use serde::{Deserialize, Serialize};
@@ -64,13 +66,5 @@ impl Config {
     pub fn without_reuse(mut self) -> Config {
         self.time.reuse = false;
         self
-    }
-
-    /// Whether frames look reflected light up in the cache: guided ones of fewer samples than pixels, without bounces.
-    pub fn uses_cache(&self) -> bool {
-        self.trace.indirect == Indirect::Cache
-            && self.trace.bounces == 0
-            && self.reconstruction.method == Method::Guided
-            && self.foveation.samples != Samples::Full
     }
 }

@@ -54,7 +54,7 @@ pub struct TimeConfig {
     pub frames: u32,
     /// Let samples of one eye serve the other, too.
     pub eyes: bool,
-    /// Of [`TraceConfig::rays`], the part that a frame sends where one before it has left light and the view has hardly moved.
+    /// Of [`super::TraceConfig::rays`], the part that a frame sends where one before it has left light and the view has hardly moved.
     pub rays: f64,
 }
 

@@ -103,7 +103,8 @@ fn fronts_give_what_is_traded_and_nothing_else() {
         weights: WeightsConfig::Inverse,
         law: Law::Uniform,
     };
-    let tables = [Config::default(), point.applied_to(&Config::default())];
+    let tables =
+        [Config::default(), point.quality(Quality::of(&Config::default())).applied_to(&Config::default())];
     let [before, after] = tables.map(|config| Table::try_from(config).unwrap());
     for (section, values) in &before {
         for (key, value) in values.as_table().unwrap() {

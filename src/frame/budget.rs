@@ -7,13 +7,13 @@
 //! measure` has found (`budget.front`) or that of the preset (`src/frame/quality_levels.rs`: of it, the
 //! points that differ in samples and rays alone, so that frames move between them unseen). Two slow frames in
 //! a row count nearly whole, so that the third is in time again; one alone counts nothing, and lighter views
-//! are believed slowly. What is out of reach is told once. It is arithmetic alone, and `Renderer::apply`
-//! takes its settings from frame to frame.
+//! are believed slowly. What is out of reach is told once. It is arithmetic alone, and
+//! `Renderer::set_quality` takes what it says from frame to frame.
 
 use serde::{Deserialize, Serialize};
 
 use super::quality_levels::QualityLevels;
-use crate::config::{Config, Samples, TargetMs, preset};
+use crate::config::{Config, Quality, Samples, TargetMs, preset};
 use crate::error::{Error, Result};
 
 /// The share of the display's period that a frame may take: the rest is for the compositor.
@@ -200,13 +200,11 @@ impl Controller {
         }
     }
 
-    /// The settings of the next frame.
-    pub fn config(&self, base: &Config) -> Config {
+    /// The quality of the next frame, where light of further bounces comes from where it came `before`.
+    pub fn quality(&self, before: Quality) -> Quality {
         let held = self.held();
-        let mut config = self.levels.steps()[0].applied_to(base);
-        config.foveation.samples = Samples::Share(held.samples);
-        config.trace.rays = held.rays;
-        config
+        let first = self.levels.steps()[0].quality(before);
+        Quality { samples: Samples::Share(held.samples), rays: held.rays, ..first }
     }
 
     /// Takes in what a frame cost, of which `pattern_ms` went to new patterns: those come with the gaze,

@@ -44,7 +44,7 @@ use glam::DVec2;
 use super::meter::Meter;
 use super::scheduler::{DeviceShare, Scheduler};
 use super::stereo::{Cut, Plan};
-use crate::config::{Config, Samples};
+use crate::config::{Config, Quality, Samples};
 use crate::error::Result;
 use crate::foveation::{BitMask, Law, Lens};
 use crate::gpu::interop::{Shared, Sharing};
@@ -56,7 +56,7 @@ use crate::scene::Sun;
 use crate::trace::{self, Fleet, Job, MovingScene, SceneState};
 use patterns::TracedView;
 pub use report::{FrameReport, Output, StageMs};
-use start::{reconstruction_settings, trace_settings};
+use start::{reconstruction_settings, reuse, trace_settings};
 
 /// The cache of light makes three steps for each view until it has made so many: light reaches what only many bounces
 /// light within half a second.
@@ -119,7 +119,7 @@ impl Renderer {
     }
 
     /// The same, with `late` asked where each view's eye will be when the picture is seen: see
-    /// [`Renderer::shoot`].
+    /// [`Renderer::render_views`].
     ///
     /// # Errors
     /// Where a device fails.
@@ -279,7 +279,7 @@ impl Renderer {
     }
 
     /// Views are seen through these lenses, one for each of them in their order, from the first frame on:
-    /// see [`Pattern::through`].
+    /// see [`crate::foveation::Pattern::through`].
     pub fn with_lenses(self, lenses: Vec<Lens>) -> Self {
         Renderer { lenses, ..self }
     }
@@ -335,15 +335,30 @@ impl Renderer {
     /// # Errors
     /// Where the reconstruction's settings cannot be used.
     pub fn apply(&mut self, config: &Config) -> Result<()> {
-        let reconstruction = reconstruction_settings(config);
-        if *self.reconstruction.settings() != reconstruction {
-            self.reconstruction = Reconstruction::new(&self.context, reconstruction)?;
+        self.reconstruct_by(reconstruction_settings(&Quality::of(config), reuse(config)))?;
+        self.settings.seed = config.trace.seed;
+        self.rays_with_history = config.time.rays;
+        self.visibility_slope = config.foveation.visibility_slope;
+        self.set_quality(&Quality::of(config))
+    }
+
+    /// Frames have another quality from now on: at no cost beside a new pattern, where the reconstruction's settings stay.
+    ///
+    /// # Errors
+    /// Where the reconstruction's settings cannot be used.
+    pub fn set_quality(&mut self, quality: &Quality) -> Result<()> {
+        self.reconstruct_by(reconstruction_settings(quality, self.reconstruction.settings().reuse))?;
+        let trace::Settings { seed, jitter, .. } = self.settings;
+        self.settings = trace::Settings { jitter, ..trace_settings(quality, seed) };
+        (self.law, self.samples) = (quality.law, quality.samples);
+        Ok(())
+    }
+
+    fn reconstruct_by(&mut self, settings: reconstruct::Settings) -> Result<()> {
+        if *self.reconstruction.settings() != settings {
+            self.reconstruction = Reconstruction::new(&self.context, settings)?;
             self.views.clear();
         }
-        self.settings = trace::Settings { jitter: self.settings.jitter, ..trace_settings(config) };
-        self.rays_with_history = config.time.rays;
-        (self.law, self.samples) = (config.foveation.law, config.foveation.samples);
-        self.visibility_slope = config.foveation.visibility_slope;
         Ok(())
     }
 

@@ -3,7 +3,7 @@
 //!
 //! Steps, each with its source; all code is this project's own, after the formulas of the papers:
 //!
-//! 1. The luminance of what a screen of [`PEAK`] cd/m² shows of both pictures.
+//! 1. The luminance of what a screen of `PEAK` cd/m² shows of both pictures.
 //! 2. Bands of one octave by a Laplacian pyramid (Burt and Adelson 1983), each divided by the
 //!    luminance around (Peli 1990): local contrast.
 //! 3. The least contrast that is seen at a spatial frequency f (cycles per degree) and an eccentricity e

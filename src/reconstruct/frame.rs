@@ -15,11 +15,11 @@ pub const NEAREST_DEPTH: f32 = 0.05;
 /// What a frame's samples are made into.
 pub struct Frame<'a> {
     /// Where the eye is and what it sees; its size is the pattern's. Outputs show its picture: pixels that are not even
-    /// are for guided reconstruction, and for views of at most [`Reconstruction::most_pixels`].
+    /// are for guided reconstruction, and for views of at most [`super::Reconstruction::most_pixels`].
     pub view: &'a View,
-    /// One [`SampleRecord`] for each sample of the pattern, in its order.
+    /// One [`crate::layout::SampleRecord`] for each sample of the pattern, in its order.
     pub samples: BufferRef,
-    /// One [`VisibilityRecord`] for each pixel, row after row; needed for guided reconstruction.
+    /// One [`crate::layout::VisibilityRecord`] for each pixel, row after row; needed for guided reconstruction.
     pub visibility: Option<BufferRef>,
     /// The sun whose visibility the records hold: its light is added at each pixel (guided).
     pub sun: Option<Sun>,
@@ -31,7 +31,7 @@ pub struct Frame<'a> {
     pub shown_from: Option<Pose>,
     /// Stops that come to each output's own.
     pub exposure: f32,
-    /// The view of the other eye, whose samples may serve this one: see [`Settings::reuse`].
+    /// The view of the other eye, whose samples may serve this one: see [`super::Settings::reuse`].
     pub other: Option<usize>,
     /// What is drawn over the picture, and the gaze in 0..1 of it.
     pub overlay: (Overlay, DVec2),

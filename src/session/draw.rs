@@ -1,7 +1,7 @@
 //! From what is traced to the renderer's requests.
 
 use super::{Part, Traced};
-use crate::config::Config;
+use crate::config::Quality;
 use crate::error::Result;
 use crate::frame::{FrameReport, Renderer, ViewRequest};
 use crate::headset::{Canvas, Toggles};
@@ -30,11 +30,11 @@ pub trait Draw {
     fn draw(&mut self, picture: &Picture, late: &mut dyn FnMut(usize) -> Option<Pose>)
     -> Result<FrameReport>;
 
-    /// Makes the next ones by other settings: see [`Renderer::apply`].
+    /// Makes the next ones with another quality: see [`Renderer::set_quality`].
     ///
     /// # Errors
-    /// Where they cannot be used.
-    fn apply(&mut self, config: &Config) -> Result<()>;
+    /// Where it cannot be used.
+    fn set_quality(&mut self, quality: &Quality) -> Result<()>;
 
     /// The next ones show what moves where it is so many seconds after the beginning: see [`Renderer::show_at`].
     fn show_at(&mut self, seconds: f64);
@@ -55,8 +55,8 @@ impl Draw for Renderer {
         self.render_views(&requests(picture), picture.seed, late)
     }
 
-    fn apply(&mut self, config: &Config) -> Result<()> {
-        Renderer::apply(self, config)
+    fn set_quality(&mut self, quality: &Quality) -> Result<()> {
+        Renderer::set_quality(self, quality)
     }
 
     fn show_at(&mut self, seconds: f64) {

@@ -8,7 +8,7 @@ use super::draw::{Draw, Picture};
 use super::gaze::Looks;
 use super::rig::{Rig, between};
 use super::{Absence, Asking, FoveaPoint, Observer, Pace, Shown, Traced, absence};
-use crate::config::{Config, HeadsetConfig, Stereo};
+use crate::config::{Config, HeadsetConfig, Quality, Stereo};
 use crate::error::{Error, Result};
 use crate::frame::FrameReport;
 use crate::frame::budget::{self, Controller, QualityState};
@@ -342,7 +342,7 @@ impl<'a> FrameLoop<'a> {
         )?;
         let Some(controller) = &mut self.controller else { return Ok(None) };
         controller.take_notes().iter().for_each(|note| link.observer.note(note));
-        link.draw.apply(&controller.config(self.config))?;
+        link.draw.set_quality(&controller.quality(Quality::of(self.config)))?;
         Ok(Some(controller.held()))
     }
 

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use foveate::bvh::WideBvh;
 use foveate::bvh::cache::TreeCache;
-use foveate::config::{Config, Layers};
+use foveate::config::{Config, Layers, Quality};
 use foveate::frame::budget;
 use foveate::headset::rift_dk1::fusion::Fusion;
 use foveate::headset::rift_dk1::optics::{Eye, Optics};
@@ -189,7 +189,7 @@ fn front(bytes: &[u8]) -> bool {
     if let Ok(Some(mut controller)) = budget::controller(&config, Some(1000.0 / 90.0)) {
         for frame_ms in [1.0, 50.0, 0.0, 1e9] {
             controller.observe(frame_ms, 0.0);
-            let _ = controller.config(&config);
+            let _ = controller.quality(Quality::of(&config));
         }
     }
     points > 0

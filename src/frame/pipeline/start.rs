@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{Output, Renderer};
 use crate::bvh::Parted;
-use crate::config::{Config, Method, WeightsConfig};
+use crate::config::{Config, Method, Quality, WeightsConfig};
 use crate::error::Result;
 use crate::frame::load::{Loaded, Step, fitting_environment, timed};
 use crate::frame::meter::Meter;
@@ -84,17 +84,19 @@ impl Renderer {
         config: &Config,
         output: Output,
     ) -> Result<(Self, Step)> {
-        let (reconstruction, shaders_step) =
-            timed("shaders", || Reconstruction::new(context, reconstruction_settings(config)))?;
+        let quality = Quality::of(config);
+        let (reconstruction, shaders_step) = timed("shaders", || {
+            Reconstruction::new(context, reconstruction_settings(&quality, reuse(config)))
+        })?;
         let mut renderer = Renderer {
             scheduler,
             reconstruction,
             context: context.clone(),
-            law: config.foveation.law,
+            law: quality.law,
             lenses: Vec::new(),
-            samples: config.foveation.samples,
+            samples: quality.samples,
             visibility_slope: config.foveation.visibility_slope,
-            settings: trace_settings(config),
+            settings: trace_settings(&quality, config.trace.seed),
             rays_with_history: config.time.rays,
             overlay: config.view.overlay,
             fixed_stops: config.view.exposure.fixed() as f32,
@@ -147,30 +149,34 @@ fn least_expected(map: &Environment) -> f32 {
     ((sum / (150 * map.texels.len().max(1)) as f64) as f32).clamp(1e-6, 1e6)
 }
 
-pub(super) fn trace_settings(config: &Config) -> trace::Settings {
+pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {
     trace::Settings {
-        rays: config.trace.rays,
-        bounces: config.trace.bounces,
-        cached: config.uses_cache(),
-        edge_rays: config.trace.edge_rays,
-        guided: config.reconstruction.method == Method::Guided,
-        seed: config.trace.seed,
+        rays: quality.rays,
+        bounces: quality.bounces,
+        cached: quality.uses_cache(),
+        edge_rays: quality.edge_rays,
+        guided: quality.method == Method::Guided,
+        seed,
         jitter: false,
     }
 }
 
-pub(super) fn reconstruction_settings(config: &Config) -> reconstruct::Settings {
+pub(super) fn reuse(config: &Config) -> Option<Reuse> {
+    config.time.reuse.then_some(Reuse { frames: config.time.frames, eyes: config.time.eyes })
+}
+
+pub(super) fn reconstruction_settings(quality: &Quality, reuse: Option<Reuse>) -> reconstruct::Settings {
     reconstruct::Settings {
-        mode: match config.reconstruction.method {
+        mode: match quality.method {
             Method::KNearest => Mode::KNearest,
             Method::Guided => Mode::Guided(GuidedSettings::default()),
         },
-        k: config.reconstruction.k,
-        weights: match config.reconstruction.weights {
+        k: quality.k,
+        weights: match quality.weights {
             WeightsConfig::Shepard => Weights::Shepard,
             WeightsConfig::Gaussian => Weights::Gaussian,
             WeightsConfig::Inverse => Weights::Inverse,
         },
-        reuse: config.time.reuse.then_some(Reuse { frames: config.time.frames, eyes: config.time.eyes }),
+        reuse,
     }
 }

@@ -243,7 +243,7 @@ impl HostBuffer {
         false
     }
 
-    /// Its address: a multiple of [`HOST_ALIGNMENT`], valid while any clone lives.
+    /// Its address: a multiple of `HOST_ALIGNMENT`, valid while any clone lives.
     pub fn as_ptr(&self) -> *mut u8 {
         self.0.mapped.map_or(std::ptr::null_mut(), NonNull::as_ptr)
     }

@@ -160,7 +160,7 @@ impl Fusion {
     }
 
     /// The orientation at the newest sample, body to world; a unit quaternion. What a gap has left wrong is put right
-    /// over [`spread::LENGTH`] seconds and not at once.
+    /// over `spread::LENGTH` seconds and not at once.
     pub fn orientation(&self) -> DQuat {
         self.forward * self.spread.offset() * self.state.world_from_body
     }

@@ -54,7 +54,7 @@ impl Programs {
 /// work.
 ///
 /// # Errors
-/// As [`Tracer::open`], but for the scene.
+/// As [`super::Tracer::open`], but for the scene.
 pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> Result<()> {
     isolated::stage("building the kernels of frames");
     let programs = Programs::build(device, features, depth, traversals)?;

@@ -59,7 +59,7 @@ pub struct DeviceReport {
 /// Every Vulkan device of this machine, usable or not, in the driver's order.
 ///
 /// # Errors
-/// [`Error::NoDevice`] where there is no Vulkan loader or it gives no instance.
+/// [`crate::Error::NoDevice`] where there is no Vulkan loader or it gives no instance.
 pub fn devices() -> Result<Vec<DeviceReport>> {
     let entry = load()?;
     let instance = create_instance(&entry, &[], &[])?;

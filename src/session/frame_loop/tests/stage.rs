@@ -162,7 +162,7 @@ impl Draw for Notebook {
         Ok(FrameReport { frame_ms, stages, ..FrameReport::default() })
     }
 
-    fn apply(&mut self, _: &Config) -> Result<()> {
+    fn set_quality(&mut self, _: &Quality) -> Result<()> {
         self.applied += 1;
         Ok(())
     }
@@ -200,8 +200,8 @@ impl Draw for Absent<'_> {
         Err(Error::NoDevice { kind: "OpenCL", problem: "none is left".into() })
     }
 
-    fn apply(&mut self, config: &Config) -> Result<()> {
-        self.notebook.apply(config)
+    fn set_quality(&mut self, quality: &Quality) -> Result<()> {
+        self.notebook.set_quality(quality)
     }
 
     fn show_at(&mut self, seconds: f64) {
