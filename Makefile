@@ -115,9 +115,15 @@ windows-check: ## Check that the program compiles for Windows (needs that target
 	scripts/windows.sh check
 
 .PHONY: windows
-windows: ## Build foveate.exe (needs that target's std and MinGW's linker)
+windows: ## Build foveate.exe (needs that target's std and MinGW's compilers)
 	@$(need_cargo)
 	scripts/windows.sh build
+
+.PHONY: test-windows
+test-windows: ## Try foveate.exe under Wine: devices, pictures, a window, a headset on the tests' runtime (Wine, Xvfb)
+	@$(need_cargo)
+	cargo build
+	scripts/test-windows.sh
 
 lint: ## Check format, lints and crates (needs the rustfmt and clippy components, and cargo-deny)
 	@$(need_cargo)

@@ -98,7 +98,15 @@ fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
     let mut wanted = xr::ExtensionSet::default();
     wanted.khr_vulkan_enable2 = true;
     wanted.khr_composition_layer_depth = offered.khr_composition_layer_depth;
-    wanted.khr_convert_timespec_time = offered.khr_convert_timespec_time;
+    #[cfg(not(windows))]
+    {
+        wanted.khr_convert_timespec_time = offered.khr_convert_timespec_time;
+    }
+    #[cfg(windows)]
+    {
+        wanted.khr_win32_convert_performance_counter_time =
+            offered.khr_win32_convert_performance_counter_time;
+    }
     wanted.khr_visibility_mask = offered.khr_visibility_mask;
     wanted.ext_eye_gaze_interaction = offered.ext_eye_gaze_interaction;
     wanted.ext_performance_settings = offered.ext_performance_settings;

@@ -120,7 +120,10 @@ impl Steady {
     /// Reads the runtime's clock once.
     pub fn new(instance: &xr::Instance) -> Self {
         let start = Instant::now();
+        #[cfg(not(windows))]
         let lends = instance.exts().khr_convert_timespec_time.is_some();
+        #[cfg(windows)]
+        let lends = instance.exts().khr_win32_convert_performance_counter_time.is_some();
         let at_start = if lends { instance.now().ok() } else { None };
         Steady { lent: at_start.is_some(), start, at_start: at_start.map_or(0, xr::Time::as_nanos) }
     }

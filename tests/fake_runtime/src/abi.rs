@@ -7,10 +7,10 @@
 
 use std::ffi::{CStr, c_char};
 use std::marker::PhantomData;
-use std::ptr;
 
 use openxr_sys as xr;
 
+use crate::clock::Reading;
 use crate::refusal::{Refusal, wrong};
 
 /// An argument of a call, as the safe code sees it.
@@ -104,9 +104,9 @@ impl In<'_, c_char> {
     }
 }
 
-impl In<'_, libc::timespec> {
-    /// The time, if there is one.
-    pub fn value(&self) -> Option<libc::timespec> {
+impl In<'_, Reading> {
+    /// What a clock read, if it is told.
+    pub fn value(&self) -> Option<Reading> {
         // SAFETY: not null, so it leads to a time, by OpenXR's contract.
         (!self.0.is_null()).then(|| unsafe { *self.0 })
     }
@@ -280,12 +280,4 @@ pub(crate) fn characters<const N: usize>(text: &str) -> [c_char; N] {
 pub(crate) fn text(characters: &[c_char]) -> String {
     let bytes: Vec<u8> = characters.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
     String::from_utf8_lossy(&bytes).into_owned()
-}
-
-/// The system's monotonic clock, in nanoseconds.
-pub(crate) fn now() -> i64 {
-    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: the place is valid; this clock exists everywhere.
-    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, ptr::from_mut(&mut time)) };
-    time.tv_sec * 1_000_000_000 + time.tv_nsec
 }

@@ -10,6 +10,7 @@
 mod abi;
 mod calls;
 mod check;
+mod clock;
 pub mod log;
 mod nested;
 mod objects;

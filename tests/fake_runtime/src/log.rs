@@ -9,7 +9,7 @@ use openxr_sys as xr;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use crate::abi;
+use crate::clock;
 
 /// What is to be told about a call besides its name and result.
 #[derive(Debug, Default)]
@@ -55,7 +55,7 @@ impl Writer {
     pub fn write(&mut self, call: &str, result: xr::Result, note: Note) {
         *self.counts.entry(call.into()).or_default() += 1;
         let mut record = Map::new();
-        record.insert("ns".into(), abi::now().into());
+        record.insert("ns".into(), clock::now().into());
         record.insert("call".into(), call.into());
         record.insert("result".into(), format!("{result:?}").into());
         record.extend(note.0);

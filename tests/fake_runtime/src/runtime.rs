@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use openxr_sys::{self as xr, Handle};
 
-use crate::abi;
+use crate::clock;
 use crate::log::{Note, Writer};
 use crate::objects::{Instance, Object, Objects, Queued, Session, Swapchain};
 use crate::order::State;
@@ -359,5 +359,5 @@ impl Runtime {
 
 /// Nanoseconds now.
 pub(crate) fn now() -> i64 {
-    abi::now()
+    clock::now()
 }

@@ -11,13 +11,14 @@ use crate::calls::{
     action, action_state, configuration, event, extension, frame, graphics, instance, session, space,
     swapchain,
 };
+use crate::clock::Reading;
 
 /// For each call its name, its type, its arguments as OpenXR declares them, and what does its work.
 macro_rules! table {
-    ($($name:literal $kind:ident ($($argument:ident: $raw:ty),*) => $work:path;)*) => {
+    ($($(#[$system:meta])? $name:literal $kind:ident ($($argument:ident: $raw:ty),*) => $work:path;)*) => {
         fn find(name: &[u8]) -> Option<pfn::VoidFunction> {
             match name {
-                $($name => {
+                $($(#[$system])? $name => {
                     unsafe extern "system" fn call($($argument: $raw),*) -> xr::Result {
                         // SAFETY: these are the arguments of a call that has not returned.
                         unsafe { $work($(Argument::from_raw($argument)),*) }
@@ -169,10 +170,18 @@ table! {
         (a: xr::Session, b: f32) => extension::request_rate;
     b"xrPerfSettingsSetPerformanceLevelEXT" PerfSettingsSetPerformanceLevelEXT
         (a: xr::Session, b: xr::PerfSettingsDomainEXT, c: xr::PerfSettingsLevelEXT) => extension::performance;
+    #[cfg(unix)]
     b"xrConvertTimespecTimeToTimeKHR" ConvertTimespecTimeToTimeKHR
-        (a: xr::Instance, b: *const libc::timespec, c: *mut xr::Time) => extension::timespec_to_time;
+        (a: xr::Instance, b: *const Reading, c: *mut xr::Time) => extension::reading_to_time;
+    #[cfg(unix)]
     b"xrConvertTimeToTimespecTimeKHR" ConvertTimeToTimespecTimeKHR
-        (a: xr::Instance, b: xr::Time, c: *mut libc::timespec) => extension::time_to_timespec;
+        (a: xr::Instance, b: xr::Time, c: *mut Reading) => extension::time_to_reading;
+    #[cfg(windows)]
+    b"xrConvertWin32PerformanceCounterToTimeKHR" ConvertWin32PerformanceCounterToTimeKHR
+        (a: xr::Instance, b: *const Reading, c: *mut xr::Time) => extension::reading_to_time;
+    #[cfg(windows)]
+    b"xrConvertTimeToWin32PerformanceCounterKHR" ConvertTimeToWin32PerformanceCounterKHR
+        (a: xr::Instance, b: xr::Time, c: *mut Reading) => extension::time_to_reading;
 }
 
 unsafe extern "system" fn get_instance_proc_addr(

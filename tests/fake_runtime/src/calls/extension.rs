@@ -3,6 +3,7 @@
 use openxr_sys::{self as xr, Handle};
 
 use crate::abi::{In, Out};
+use crate::clock;
 use crate::refusal::{Outcome, invalid};
 use crate::runtime::{On, enter};
 use crate::world;
@@ -83,29 +84,40 @@ pub(crate) fn performance(
     })
 }
 
-pub(crate) fn timespec_to_time(
+/// xrConvertTimespecTimeToTimeKHR, on Windows xrConvertWin32PerformanceCounterToTimeKHR.
+pub(crate) fn reading_to_time(
     instance: xr::Instance,
-    timespec: In<libc::timespec>,
+    reading: In<clock::Reading>,
     time: Out<xr::Time>,
 ) -> xr::Result {
-    enter("xrConvertTimespecTimeToTimeKHR", On::Instance(instance), |runtime, _| {
-        runtime.needs("XR_KHR_convert_timespec_time")?;
-        let told = timespec.value().ok_or_else(|| invalid("the time is missing"))?;
-        time.set(xr::Time::from_nanos(told.tv_sec * 1_000_000_000 + told.tv_nsec))?;
+    let call = if cfg!(windows) {
+        "xrConvertWin32PerformanceCounterToTimeKHR"
+    } else {
+        "xrConvertTimespecTimeToTimeKHR"
+    };
+    enter(call, On::Instance(instance), |runtime, _| {
+        runtime.needs(clock::EXTENSION)?;
+        let told = reading.value().ok_or_else(|| invalid("the time is missing"))?;
+        time.set(xr::Time::from_nanos(clock::to_nanos(told)))?;
         DONE
     })
 }
 
-pub(crate) fn time_to_timespec(
+/// xrConvertTimeToTimespecTimeKHR, on Windows xrConvertTimeToWin32PerformanceCounterKHR.
+pub(crate) fn time_to_reading(
     instance: xr::Instance,
     time: xr::Time,
-    timespec: Out<libc::timespec>,
+    reading: Out<clock::Reading>,
 ) -> xr::Result {
-    enter("xrConvertTimeToTimespecTimeKHR", On::Instance(instance), |runtime, _| {
-        runtime.needs("XR_KHR_convert_timespec_time")?;
+    let call = if cfg!(windows) {
+        "xrConvertTimeToWin32PerformanceCounterKHR"
+    } else {
+        "xrConvertTimeToTimespecTimeKHR"
+    };
+    enter(call, On::Instance(instance), |runtime, _| {
+        runtime.needs(clock::EXTENSION)?;
         let nanos = crate::check::check_time(time)?;
-        let (tv_sec, tv_nsec) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
-        timespec.set(libc::timespec { tv_sec, tv_nsec })?;
+        reading.set(clock::from_nanos(nanos))?;
         DONE
     })
 }

@@ -6,6 +6,7 @@ use std::ffi::c_char;
 use openxr_sys::{self as xr, Handle};
 
 use crate::abi::{self, In, Out};
+use crate::clock;
 use crate::nested;
 use crate::objects::{Instance, Object};
 use crate::refusal::{Outcome, wrong};
@@ -18,7 +19,7 @@ const EXTENSIONS: [(&str, u32); 10] = [
     ("XR_KHR_vulkan_enable2", 2),
     ("XR_KHR_composition_layer_depth", 6),
     ("XR_KHR_visibility_mask", 2),
-    ("XR_KHR_convert_timespec_time", 1),
+    (clock::EXTENSION, 1),
     ("XR_EXT_eye_gaze_interaction", 2),
     ("XR_EXT_performance_settings", 4),
     ("XR_EXT_local_floor", 1),
