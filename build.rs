@@ -2,7 +2,7 @@
 //! it was built from.
 //!
 //! Two directives, each a line of its own, stand in for a preprocessor:
-//! - `//#include shared/NAME.wgsl` is replaced by that file;
+//! - `//#include shared/NAME.wgsl` is replaced by that file, and so are those in it;
 //! - `//#variants NAME A B ...` makes one module for each value, `STEM_A.spv`, with `const NAME = Au;`.
 
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ fn expand(text: &str) -> (String, Option<(String, Vec<String>)>) {
     let mut variants = None;
     for line in text.lines() {
         if let Some(name) = line.strip_prefix("//#include ") {
-            source.push_str(&read(&Path::new("kernels").join(name.trim())));
+            source.push_str(&expand(&read(&Path::new("kernels").join(name.trim()))).0);
         } else if let Some(list) = line.strip_prefix("//#variants ") {
             let mut words = list.split_whitespace().map(str::to_string);
             variants = words.next().map(|name| (name, words.collect()));

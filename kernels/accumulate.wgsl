@@ -92,8 +92,6 @@ const TELLING = 6.0;
 const LEAST_AGREEMENT = 0.3;
 // Estimates at most that a mean holds on surfaces that move: their light changes as they do.
 const MOVING_LONGEST = 1.0;
-// In `VisibilityRecord.mapped`: the surface moves.
-const SURFACE_MOVES = 0x1000000u;
 // Square of a distance in pixels below which samples count as at the same place.
 const SAME_PLACE = 0.01;
 

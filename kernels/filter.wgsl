@@ -32,8 +32,6 @@ var<immediate> parameters: Parameters;
 // [neighbour][sample]: indices, nearest first.
 @group(0) @binding(4) var<storage, read> nearest: array<u32>;
 
-// IS_MAPPED of src/layout/constants.rs.
-const IS_MAPPED = 0x40000000u;
 
 // Where light comes from, where that is not known.
 const NOWHERE = vec3(0u);

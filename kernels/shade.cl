@@ -382,8 +382,8 @@ static bool end_sample(const Shading *shading, Sample *sample, uint reflected, _
         second = 0.0f;
         depth = -1.0f;
     }
-    SampleRecord whole = {{first.x, first.y, first.z}, depth, {second.x, second.y, second.z}, sample->normal, reflected,
-                          {toward[0], toward[1], toward[2]}};
+    SampleRecord whole = {{first.x, first.y, first.z}, depth, {second.x, second.y, second.z}, sample->normal,
+                          {toward[0], toward[1], toward[2]}, reflected};
     *record = whole;
     return is_finite;
 }

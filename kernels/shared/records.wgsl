@@ -1,4 +1,5 @@
 // The two records that cross from OpenCL, unpacked as in src/layout/packing.rs.
+//#include shared/types.wgsl
 
 fn is_finite(v: f32) -> bool {
     return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
@@ -66,16 +67,6 @@ fn unpack_normal24(packed: u32) -> vec3<f32> {
     return normalize(vec3(x + select(fold, -fold, x >= 0.0), y + select(fold, -fold, y >= 0.0), z));
 }
 
-// As src/layout/frame.rs has them.
-struct SampleRecord {
-    first: vec3<f32>,
-    depth: f32,
-    second: vec3<f32>,
-    normal: u32,
-    reflected: u32,
-    toward: vec3<u32>,
-}
-
 // Three vectors of words, which are read in a third of the time of their twelve words.
 fn sample_of(a: vec4<u32>, b: vec4<u32>, c: vec4<u32>) -> SampleRecord {
     return SampleRecord(
@@ -83,8 +74,8 @@ fn sample_of(a: vec4<u32>, b: vec4<u32>, c: vec4<u32>) -> SampleRecord {
         bitcast<f32>(a.w),
         bitcast<vec3<f32>>(b.xyz),
         b.w,
-        c.x,
-        c.yzw,
+        c.xyz,
+        c.w,
     );
 }
 
@@ -95,16 +86,6 @@ fn sample_of(a: vec4<u32>, b: vec4<u32>, c: vec4<u32>) -> SampleRecord {
 // counts only if depth has DIRECTED: where red, green and blue light come from, as in SampleRecord.
 const EXPECTS = 1u;
 const DIRECTED = 2u;
-
-struct VisibilityRecord {
-    normal: u32,
-    depth: f32,
-    base: u32,
-    surface: u32,
-    emission: u32,
-    mapped: u32,
-    reflected: u32,
-}
 
 fn base_of(record: VisibilityRecord) -> vec3<f32> {
     let codes = vec3(record.base & 0xffffu, record.base >> 16u, record.surface & 4095u);

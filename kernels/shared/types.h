@@ -5,8 +5,8 @@ typedef struct {
     float depth;
     float second[3];
     uint normal;
-    uint reflected;
     uint toward[3];
+    uint reflected;
 } SampleRecord;
 
 typedef struct {

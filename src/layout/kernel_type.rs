@@ -8,17 +8,25 @@ pub(super) trait KernelType {
     fn c_suffix() -> String {
         String::new()
     }
+    /// Its WGSL name where it lies at a multiple of 16 bytes.
+    fn wgsl_name() -> String;
 }
 
 impl KernelType for f32 {
     fn c_name() -> String {
         "float".to_string()
     }
+    fn wgsl_name() -> String {
+        "f32".to_string()
+    }
 }
 
 impl KernelType for u32 {
     fn c_name() -> String {
         "uint".to_string()
+    }
+    fn wgsl_name() -> String {
+        "u32".to_string()
     }
 }
 
@@ -28,6 +36,9 @@ impl<T: KernelType, const N: usize> KernelType for [T; N] {
     }
     fn c_suffix() -> String {
         format!("[{N}]{}", T::c_suffix())
+    }
+    fn wgsl_name() -> String {
+        if N == 3 { format!("vec3<{}>", T::wgsl_name()) } else { format!("array<{}, {N}>", T::wgsl_name()) }
     }
 }
 
@@ -53,6 +64,9 @@ macro_rules! shared_structs {
             fn c_name() -> String {
                 stringify!($name).to_string()
             }
+            fn wgsl_name() -> String {
+                stringify!($name).to_string()
+            }
         })*
 
         /// These structs in OpenCL C.
@@ -67,6 +81,24 @@ macro_rules! shared_structs {
                     <$type as $crate::layout::kernel_type::KernelType>::c_suffix()
                 );)*
                 text += concat!("} ", stringify!($name), ";\n\n");
+            )*
+            text
+        }
+
+        /// These structs in WGSL, where they lie as here: a vector of three begins at a multiple of 16 bytes.
+        #[allow(dead_code)]
+        pub(super) fn wgsl() -> String {
+            use $crate::layout::kernel_type::KernelType;
+            let mut text = String::new();
+            $(
+                text += concat!("struct ", stringify!($name), " {\n");
+                $(
+                    let name = <$type as KernelType>::wgsl_name();
+                    let at = std::mem::offset_of!($name, $field);
+                    assert!(!name.starts_with("vec3") || at % 16 == 0, "{} at {at}", stringify!($field));
+                    text += &format!("    {}: {name},\n", stringify!($field));
+                )*
+                text += "}\n\n";
             )*
             text
         }

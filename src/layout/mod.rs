@@ -1,8 +1,8 @@
 //! Every struct that the host and a kernel both read, in one place.
 //!
 //! Fields are `f32`, `u32` and arrays of them. OpenCL's copies are in `kernels/shared/types.h`, which
-//! [`types_header`] writes and a test compares; the Vulkan shaders read the two records that cross
-//! from OpenCL, and nothing else.
+//! [`types_header`] writes; the Vulkan shaders read the two records that cross from OpenCL, whose copies are in
+//! `kernels/shared/types.wgsl` ([`types_wgsl`]). A test compares both.
 //!
 //! Records hold floats, unsigned integers and arrays of them, so that no compiler pads them.
 
@@ -11,6 +11,7 @@ mod constants;
 mod frame;
 mod kernel_type;
 mod packing;
+mod records;
 mod scene;
 #[cfg(test)]
 mod tests;
@@ -18,11 +19,12 @@ mod tree;
 
 pub use cache::{CacheCell, CacheInfo, CacheSum};
 pub use constants::*;
-pub use frame::{Camera, HitRecord, SampleRecord, Shading, VisibilityRecord};
+pub use frame::{Camera, HitRecord, Shading};
 pub use packing::{
     pack_emission, pack_normal, pack_normal24, pack_surface, unpack_emission, unpack_normal, unpack_normal24,
     unpack_surface,
 };
+pub use records::{SampleRecord, VisibilityRecord};
 pub use scene::{
     DirectionCell, Emitter, EnvironmentTexel, Light, LightNode, Material, TextureInfo, TextureUse, Triangle,
 };
@@ -31,11 +33,21 @@ pub use tree::{CompactNode, WideNode};
 /// The text of `kernels/shared/types.h`.
 pub fn types_header() -> String {
     let mut header = String::from("// Written from src/layout/: change it there.\n\n");
-    for structs in [frame::opencl, scene::opencl, cache::opencl, tree::opencl] {
+    for structs in [records::opencl, frame::opencl, scene::opencl, cache::opencl, tree::opencl] {
         header += &structs();
     }
     for (name, value) in constants::named() {
         header += &format!("#define {name} {value:#x}u\n");
     }
     header
+}
+
+/// The text of `kernels/shared/types.wgsl`.
+pub fn types_wgsl() -> String {
+    let shared = ["SUN_VISIBLE", "SURFACE_MOVES", "IS_MAPPED"];
+    let mut text = String::from("// Written from src/layout/: change it there.\n") + &records::wgsl();
+    for (name, value) in constants::named().into_iter().filter(|(name, _)| shared.contains(name)) {
+        text += &format!("const {name} = {value:#x}u;\n");
+    }
+    text
 }

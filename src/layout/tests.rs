@@ -1,17 +1,25 @@
 use super::*;
 
 const HEADER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/kernels/shared/types.h");
+const SHADERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/kernels/shared/types.wgsl");
 
 #[test]
-fn the_header_is_what_this_file_says() {
+fn the_header_is_what_this_room_says() {
     let written = std::fs::read_to_string(HEADER).unwrap();
     assert!(written == types_header(), "run: cargo test --lib write_types_header -- --ignored");
 }
 
 #[test]
-#[ignore = "writes kernels/shared/types.h"]
+fn the_shaders_types_are_what_this_room_says() {
+    let written = std::fs::read_to_string(SHADERS).unwrap();
+    assert!(written == types_wgsl(), "run: cargo test --lib write_types_header -- --ignored");
+}
+
+#[test]
+#[ignore = "writes kernels/shared/types.h and kernels/shared/types.wgsl"]
 fn write_types_header() {
     std::fs::write(HEADER, types_header()).unwrap();
+    std::fs::write(SHADERS, types_wgsl()).unwrap();
 }
 
 #[test]

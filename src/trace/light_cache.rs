@@ -19,9 +19,10 @@
 //! differ from the others within the cache's noise.
 
 use crate::error::Result;
-use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
+use crate::gpu::opencl::{Buffer, Device, Event, Program};
 use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
 
+use super::kernels::{ForgetCells, Grid, LightCells, SceneOf, SettleCells};
 use super::{SceneBuffers, TracePattern, Traversal};
 
 /// Paths that bring light to the cache in each frame of a view while it is new: fewer learn a view too slowly, however
@@ -43,9 +44,9 @@ const SETTLERS: usize = 64;
 /// A device's cache and its kernels.
 #[derive(Debug)]
 pub(super) struct LightCache {
-    light_cells: Kernel,
-    settle_cells: Kernel,
-    forget_cells: Kernel,
+    light_cells: LightCells,
+    settle_cells: SettleCells,
+    forget_cells: ForgetCells,
     traversal: Traversal,
     /// Made when it is first used.
     memory: Option<Memory>,
@@ -66,9 +67,9 @@ impl LightCache {
     /// An empty cache for the kernels of a program, whose variant is `traversal`.
     pub fn new(program: &Program, traversal: Traversal, scene: &SceneBuffers) -> Result<Self> {
         Ok(LightCache {
-            light_cells: program.kernel("light_cells")?,
-            settle_cells: program.kernel("settle_cells")?,
-            forget_cells: program.kernel("forget_cells")?,
+            light_cells: LightCells::of(program)?,
+            settle_cells: SettleCells::of(program)?,
+            forget_cells: ForgetCells::of(program)?,
             traversal,
             memory: None,
             info: CacheInfo {
@@ -87,13 +88,9 @@ impl LightCache {
     }
 
     /// What a kernel is given that looks the cache up: it as a whole, keys and cells.
-    pub fn args(&self) -> [Arg<'_>; 3] {
+    pub fn looked_up(&self) -> (&CacheInfo, Option<&Buffer<u32>>, Option<&Buffer<CacheCell>>) {
         let memory = self.memory.as_ref();
-        [
-            Arg::value(&self.info),
-            memory.map_or(Arg::NONE, |m| Arg::buffer(&m.keys)),
-            memory.map_or(Arg::NONE, |m| Arg::buffer(&m.cells)),
-        ]
+        (&self.info, memory.map(|m| &m.keys), memory.map(|m| &m.cells))
     }
 
     /// Brings light for one more frame, the `step`-th of all; camera and samples say where it is wanted. The events of
@@ -115,26 +112,25 @@ impl LightCache {
         self.info.frame = step as u32;
         self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
         memory.counters.write(&[0, 0])?;
-        let (info, group) = (Arg::value(&self.info), self.traversal.group());
-        let args = [info, Arg::buffer(&memory.keys), Arg::buffer(&memory.cells)];
-        let forget = self.forget_cells.launch(&args, SETTLERS, group)?;
-        let mut args = scene.args(self.traversal);
-        args.extend([
-            Arg::value(camera),
-            Arg::value(shading),
+        let (info, group) = (&self.info, self.traversal.group());
+        let Memory { keys, cells, sums, touched, counters } = memory;
+        let settlers = Grid { items: SETTLERS, group };
+        let forget = self.forget_cells.launch(settlers, info, keys, cells)?;
+        let light = self.light_cells.launch(
+            Grid { items: info.paths as usize, group },
+            SceneOf(Some(scene), self.traversal),
+            camera,
+            shading,
             info,
-            Arg::buffer(&pattern.samples),
-            Arg::U32(pattern.samples.len() as u32),
-            Arg::buffer(&memory.keys),
-            Arg::buffer(&memory.cells),
-            Arg::buffer(&memory.sums),
-            Arg::buffer(&memory.touched),
-            Arg::buffer(&memory.counters),
-        ]);
-        let light = self.light_cells.launch(&args, self.info.paths as usize, group)?;
-        let (sums, touched) = (Arg::buffer(&memory.sums), Arg::buffer(&memory.touched));
-        let args = [info, Arg::buffer(&memory.cells), sums, touched, Arg::buffer(&memory.counters)];
-        let settle = self.settle_cells.launch(&args, SETTLERS, group)?;
+            &pattern.samples,
+            pattern.samples.len() as u32,
+            keys,
+            cells,
+            sums,
+            touched,
+            counters,
+        )?;
+        let settle = self.settle_cells.launch(settlers, info, cells, sums, touched, counters)?;
         Ok([forget, light, settle])
     }
 

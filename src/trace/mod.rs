@@ -9,6 +9,7 @@
 
 mod emitters;
 mod fleet;
+mod kernels;
 mod light_cache;
 mod moving;
 pub mod probe;

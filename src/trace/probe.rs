@@ -6,11 +6,12 @@ use std::time::Instant;
 use crate::bvh::WideBvh;
 use crate::error::Result;
 use crate::foveation::Pattern;
-use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel, Program};
+use crate::gpu::opencl::{Buffer, Device, Event, Program};
 use crate::layout::{self, HitRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Material, Scene};
 
+use super::kernels::{Grid, IntersectBundles, OccludedBundles, SceneOf, TracePixels, TraceSamples};
 use super::source;
 use super::tracer::{self, BLOCKS_PER_TILE, Settings};
 use super::{BufferBytes, SceneBuffers, SceneData, Traversal};
@@ -79,10 +80,10 @@ pub struct Probe {
     tiles: Buffer<u32>,
     tile_count: u32,
     anchor: glam::DVec3,
-    pixels: Kernel,
-    samples: Kernel,
-    occlusion: Kernel,
-    bounce: Kernel,
+    pixels: TracePixels,
+    samples: TraceSamples,
+    occlusion: OccludedBundles,
+    bounce: IntersectBundles,
     camera: layout::Camera,
     sampled: Buffer<u32>,
     sample_count: usize,
@@ -126,10 +127,10 @@ impl Probe {
             tiles: Buffer::new(device, 1)?,
             tile_count: 0,
             anchor: shape.anchor,
-            pixels: program.kernel("trace_pixels")?,
-            samples: program.kernel("trace_samples")?,
-            occlusion: program.kernel("occluded_bundles")?,
-            bounce: program.kernel("intersect_bundles")?,
+            pixels: TracePixels::of(&program)?,
+            samples: TraceSamples::of(&program)?,
+            occlusion: OccludedBundles::of(&program)?,
+            bounce: IntersectBundles::of(&program)?,
             camera: layout::Camera::default(),
             sampled: Buffer::new(device, 1)?,
             sample_count: 0,
@@ -227,50 +228,31 @@ impl Probe {
     }
 
     fn launch(&self, kind: RayKind) -> Result<Event> {
-        let mut args = self.scene.args(self.traversal);
-        let group = self.traversal.group();
+        let (traversal, camera) = (self.traversal, &self.camera);
+        let scene = SceneOf(Some(&self.scene), traversal);
+        let group = traversal.group_of_streams();
+        let items = traversal.items_of_bundles(self.bundle_count, &self.device);
+        let bundles = Grid { items, group };
+        let (origins, directions, count) = (&self.origins, &self.directions, self.bundle_count as u32);
         match kind {
             RayKind::Pixels => {
-                args.extend([
-                    Arg::value(&self.camera),
-                    Arg::buffer(&self.tiles),
-                    Arg::U32(0),
-                    Arg::U32(self.tile_count),
-                    Arg::buffer(&self.pixel_hits),
-                    Arg::U32(self.camera.seed),
-                ]);
-                let blocks = self.tile_count as usize * BLOCKS_PER_TILE;
-                self.pixels.launch(&args, self.traversal.items_of_blocks(blocks), group)
+                let items = traversal.items_of_blocks(self.tile_count as usize * BLOCKS_PER_TILE);
+                let grid = Grid { items, group: traversal.group() };
+                let (tiles, hits) = (&self.tiles, &self.pixel_hits);
+                self.pixels.launch(grid, scene, camera, tiles, 0, self.tile_count, hits, camera.seed)
             }
             RayKind::Samples => {
+                let grid = Grid { items: traversal.items_of_samples(self.sample_count, &self.device), group };
                 let count = self.sample_count as u32;
-                args.extend([
-                    Arg::value(&self.camera),
-                    Arg::buffer(&self.sampled),
-                    Arg::U32(0),
-                    Arg::U32(count),
-                    Arg::buffer(&self.sample_hits),
-                ]);
-                let items = self.traversal.items_of_samples(self.sample_count, &self.device);
-                self.samples.launch(&args, items, self.traversal.group_of_streams())
+                self.samples.launch(grid, scene, camera, &self.sampled, 0, count, &self.sample_hits)
             }
             RayKind::Occlusion => {
-                args.extend(self.bundle_args());
-                args.push(Arg::buffer(&self.hidden));
-                let items = self.traversal.items_of_bundles(self.bundle_count, &self.device);
-                self.occlusion.launch(&args, items, self.traversal.group_of_streams())
+                self.occlusion.launch(bundles, scene, origins, directions, count, &self.hidden)
             }
             RayKind::Bounce => {
-                args.extend(self.bundle_args());
-                args.push(Arg::buffer(&self.bounce_hits));
-                let items = self.traversal.items_of_bundles(self.bundle_count, &self.device);
-                self.bounce.launch(&args, items, self.traversal.group_of_streams())
+                self.bounce.launch(bundles, scene, origins, directions, count, &self.bounce_hits)
             }
         }
-    }
-
-    fn bundle_args(&self) -> [Arg<'_>; 3] {
-        [Arg::buffer(&self.origins), Arg::buffer(&self.directions), Arg::U32(self.bundle_count as u32)]
     }
 
     /// The nearest hits that the last trace of a kind found: of pixels row after row, of samples in the

@@ -9,11 +9,15 @@ use crate::bvh::WideBvh;
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::foveation::workload::{Part, TILE_PIXELS};
-use crate::gpu::opencl::{Arg, Buffer, Device, Event, Kernel};
+use crate::gpu::opencl::{Buffer, Device, Event};
 use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
+use super::kernels::{
+    DescribePixels, Grid, PackVisibility, SettleBlends, ShadeSamples, ShareBlends, ShareEdges, TracePixels,
+    TraceSamples,
+};
 use super::light_cache::LightCache;
 use super::{SceneBuffers, SceneData, SceneState, Traversal, Traversals};
 pub use camera::camera;
@@ -66,14 +70,14 @@ pub struct Tracer {
     anchor: glam::DVec3,
     /// The instant that the scene shows; 0 as it was packed.
     serial: u64,
-    trace_pixels: Kernel,
-    trace_samples: Kernel,
-    describe_pixels: Kernel,
-    share_edges: Kernel,
-    settle_blends: Kernel,
-    share_blends: Kernel,
-    shade_samples: Kernel,
-    pack_visibility: Kernel,
+    trace_pixels: TracePixels,
+    trace_samples: TraceSamples,
+    describe_pixels: DescribePixels,
+    share_edges: ShareEdges,
+    settle_blends: SettleBlends,
+    share_blends: ShareBlends,
+    shade_samples: ShadeSamples,
+    pack_visibility: PackVisibility,
     light: LightCache,
     counters: Buffer<u32>,
     /// Grown when a view needs more.
@@ -141,14 +145,14 @@ impl Tracer {
             traversals: programs.traversals,
             anchor: data.anchor,
             serial: 0,
-            trace_pixels: program.kernel("trace_pixels")?,
-            trace_samples: program.kernel("trace_samples")?,
-            describe_pixels: program.kernel("describe_pixels")?,
-            share_edges: program.kernel("share_edges")?,
-            settle_blends: program.kernel("settle_blends")?,
-            share_blends: program.kernel("share_blends")?,
-            shade_samples: bundles.kernel("shade_samples")?,
-            pack_visibility: program.kernel("pack_visibility")?,
+            trace_pixels: TracePixels::of(program)?,
+            trace_samples: TraceSamples::of(program)?,
+            describe_pixels: DescribePixels::of(program)?,
+            share_edges: ShareEdges::of(program)?,
+            settle_blends: SettleBlends::of(program)?,
+            share_blends: ShareBlends::of(program)?,
+            shade_samples: ShadeSamples::of(bundles)?,
+            pack_visibility: PackVisibility::of(program)?,
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
             may_blend: data.features.alpha,
@@ -328,15 +332,9 @@ impl Tracer {
             return Ok(Vec::new());
         }
         let packed = Buffer::<VisibilityRecord>::new(&self.device, length)?;
-        let args = [
-            Arg::value(&camera),
-            Arg::buffer(&pattern.tiles),
-            Arg::U32(tiles.start),
-            Arg::U32(tiles.len() as u32),
-            Arg::buffer(records),
-            Arg::buffer(&packed),
-        ];
-        self.pack_visibility.launch(&args, tiles.len() * ROWS_PER_TILE, self.traversals.pixels.group())?;
+        let grid = Grid { items: tiles.len() * ROWS_PER_TILE, group: self.traversals.pixels.group() };
+        let (first, count) = (tiles.start, tiles.len() as u32);
+        self.pack_visibility.launch(grid, &camera, &pattern.tiles, first, count, records, &packed)?;
         packed.to_vec()
     }
 

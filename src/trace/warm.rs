@@ -5,12 +5,13 @@ use std::time::Instant;
 use serde::Serialize;
 
 use crate::error::Result;
-use crate::gpu::opencl::{Arg, Buffer, Device, Kernel, Program};
-use crate::layout::{CacheInfo, Camera, Shading};
+use crate::gpu::opencl::{Buffer, Device, Program};
+use crate::layout::{CacheInfo, Camera, HitRecord, SampleRecord, Shading, VisibilityRecord};
 use crate::metrics::stats::median;
 use crate::scene::Features;
 
 use super::Traversal;
+use super::kernels::{DescribePixels, Grid, SceneOf, ShadeSamples, ShareEdges, TracePixels, TraceSamples};
 use super::source;
 
 /// Times in milliseconds.
@@ -67,67 +68,51 @@ fn nonce() -> u128 {
 struct Idle {
     device: Device,
     traversal: Traversal,
-    kernels: Vec<(&'static str, Kernel)>,
+    trace_pixels: TracePixels,
+    trace_samples: TraceSamples,
+    describe_pixels: DescribePixels,
+    share_edges: ShareEdges,
+    shade_samples: ShadeSamples,
+    words: Buffer<u32>,
+    hits: Buffer<HitRecord>,
+    visibility: Buffer<VisibilityRecord>,
+    samples: Buffer<SampleRecord>,
     counters: Buffer<u32>,
 }
 
 impl Idle {
     fn build(device: &Device, traversal: Traversal, options: &str) -> Result<Idle> {
-        let program = Program::build(device, "foveate", &source::text(), options)?;
-        let names = ["trace_pixels", "trace_samples", "describe_pixels", "share_edges", "shade_samples"];
-        let kernels =
-            names.into_iter().map(|name| Ok((name, program.kernel(name)?))).collect::<Result<_>>()?;
-        Ok(Idle { device: device.clone(), traversal, kernels, counters: Buffer::new(device, 2)? })
+        let program = &Program::build(device, "foveate", &source::text(), options)?;
+        Ok(Idle {
+            device: device.clone(),
+            traversal,
+            trace_pixels: TracePixels::of(program)?,
+            trace_samples: TraceSamples::of(program)?,
+            describe_pixels: DescribePixels::of(program)?,
+            share_edges: ShareEdges::of(program)?,
+            shade_samples: ShadeSamples::of(program)?,
+            words: Buffer::new(device, 1)?,
+            hits: Buffer::new(device, 1)?,
+            visibility: Buffer::new(device, 1)?,
+            samples: Buffer::new(device, 1)?,
+            counters: Buffer::new(device, 2)?,
+        })
     }
 
     fn launch(&self) -> Result<()> {
-        let camera = Camera { width: 8, height: 8, ..Camera::default() };
-        let (shading, info) = (Shading::default(), CacheInfo::default());
-        for (name, kernel) in &self.kernels {
-            let mut args = vec![Arg::NONE; super::SceneBuffers::ARGUMENTS];
-            args.push(Arg::value(&camera));
-            let none = [Arg::U32(0), Arg::U32(0)];
-            match *name {
-                "trace_pixels" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE, none[0]]),
-                "trace_samples" => args.extend([Arg::NONE, none[0], none[1], Arg::NONE]),
-                "share_edges" => args.extend([
-                    Arg::U32(1),
-                    Arg::NONE,
-                    none[0],
-                    none[1],
-                    Arg::NONE,
-                    Arg::NONE,
-                    Arg::buffer(&self.counters),
-                ]),
-                "describe_pixels" => args.extend([
-                    Arg::value(&shading),
-                    Arg::NONE,
-                    none[0],
-                    none[1],
-                    Arg::NONE,
-                    Arg::NONE,
-                    Arg::buffer(&self.counters),
-                ]),
-                _ => args.extend([
-                    Arg::value(&shading),
-                    Arg::NONE,
-                    none[0],
-                    none[1],
-                    Arg::NONE,
-                    Arg::NONE,
-                    Arg::NONE,
-                    Arg::value(&info),
-                    Arg::NONE,
-                    Arg::NONE,
-                    Arg::buffer(&self.counters),
-                ]),
-            }
-            let group = match *name {
-                "shade_samples" | "trace_samples" => self.traversal.group_of_streams(),
-                _ => self.traversal.group(),
-            };
-            kernel.launch(&args, 1, group)?;
-        }
+        let camera = &Camera { width: 8, height: 8, ..Camera::default() };
+        let (shading, info) = (&Shading::default(), &CacheInfo::default());
+        let scene = SceneOf(None, self.traversal);
+        let Idle { words, hits, visibility, samples, counters, .. } = self;
+        let grid = Grid { items: 1, group: self.traversal.group() };
+        let streams = Grid { items: 1, group: self.traversal.group_of_streams() };
+        self.trace_pixels.launch(grid, scene, camera, words, 0, 0, hits, 0)?;
+        self.trace_samples.launch(streams, scene, camera, words, 0, 0, hits)?;
+        self.describe_pixels.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
+        self.share_edges.launch(grid, scene, camera, 1, words, 0, 0, hits, visibility, counters)?;
+        self.shade_samples.launch(
+            streams, scene, camera, shading, words, 0, 0, hits, None, samples, info, None, None, counters,
+        )?;
         self.device.finish()
     }
 }

@@ -4,8 +4,9 @@ use super::pattern::BLOCKS_PER_TILE;
 use super::{TracePattern, Tracer};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS};
-use crate::gpu::opencl::{Arg, Buffer, Event, Kernel};
+use crate::gpu::opencl::{Buffer, Event};
 use crate::layout::{self, MEET_BLENDS, SampleRecord, VisibilityRecord};
+use crate::trace::kernels::{Grid, SceneOf};
 
 impl Tracer {
     /// Traces and describes the pixels of all parts, and of the ring of blocks around them where edges want to
@@ -62,33 +63,31 @@ impl Tracer {
         count: u32,
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Vec<Event>> {
-        let tiles = [Arg::buffer(list), Arg::U32(first), Arg::U32(count)];
-        let group = self.traversals.pixels.group();
-        let items = self.traversals.pixels.items_of_blocks(count as usize * BLOCKS_PER_TILE);
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.push(Arg::value(camera));
-        args.extend(tiles);
-        args.push(Arg::buffer(&self.hits));
+        let traversal = self.traversals.pixels;
+        let scene = SceneOf(Some(&self.scene), traversal);
+        let items = traversal.items_of_blocks(count as usize * BLOCKS_PER_TILE);
+        let grid = Grid { items, group: traversal.group() };
         let blends = self.may_blend && edge_rays > 0;
-        args.push(Arg::U32(if blends { MEET_BLENDS } else { camera.seed }));
-        let mut events = vec![self.trace_pixels.launch(&args, items, group)?];
+        let seed = if blends { MEET_BLENDS } else { camera.seed };
+        let hits = &self.hits;
+        let mut events = vec![self.trace_pixels.launch(grid, scene, camera, list, first, count, hits, seed)?];
         if blends {
-            args.pop();
-            args.push(Arg::buffer(&self.alphas));
-            events.push(self.settle_blends.launch(&args, items, group)?);
+            let alphas = &self.alphas;
+            events.push(self.settle_blends.launch(grid, scene, camera, list, first, count, hits, alphas)?);
         }
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.extend([Arg::value(camera), Arg::value(shading)]);
-        args.extend(tiles);
-        args.extend([Arg::buffer(&self.hits), Arg::buffer(records), Arg::buffer(&self.counters)]);
-        events.push(self.describe_pixels.launch(&args, items, group)?);
+        let counters = &self.counters;
+        events.push(
+            self.describe_pixels
+                .launch(grid, scene, camera, shading, list, first, count, hits, records, counters)?,
+        );
         Ok(events)
     }
 
-    /// Launches a kernel over the pixels of a part's own tiles.
-    fn launch_pixels(&self, kernel: &Kernel, args: &[Arg<'_>], part: &Part) -> Result<Event> {
+    /// The pixels of a part's own tiles.
+    fn pixels_of(&self, part: &Part) -> Grid {
         let traversal = self.traversals.pixels;
-        kernel.launch(args, traversal.items_of_blocks(part.tiles.len() * BLOCKS_PER_TILE), traversal.group())
+        let items = traversal.items_of_blocks(part.tiles.len() * BLOCKS_PER_TILE);
+        Grid { items, group: traversal.group() }
     }
 
     fn share_blends(
@@ -98,15 +97,9 @@ impl Tracer {
         part: &Part,
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Event> {
-        let args = [
-            Arg::value(camera),
-            Arg::buffer(&pattern.tiles),
-            Arg::U32(part.tiles.start),
-            Arg::U32(part.tiles.len() as u32),
-            Arg::buffer(&self.alphas),
-            Arg::buffer(records),
-        ];
-        self.launch_pixels(&self.share_blends, &args, part)
+        let (first, count) = (part.tiles.start, part.tiles.len() as u32);
+        let grid = self.pixels_of(part);
+        self.share_blends.launch(grid, camera, &pattern.tiles, first, count, &self.alphas, records)
     }
 
     pub(super) fn share_edges(
@@ -117,18 +110,18 @@ impl Tracer {
         part: &Part,
         records: &Buffer<VisibilityRecord>,
     ) -> Result<Event> {
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.extend([
-            Arg::value(camera),
-            Arg::U32(rays),
-            Arg::buffer(&pattern.tiles),
-            Arg::U32(part.tiles.start),
-            Arg::U32(part.tiles.len() as u32),
-            Arg::buffer(&self.hits),
-            Arg::buffer(records),
-            Arg::buffer(&self.counters),
-        ]);
-        self.launch_pixels(&self.share_edges, &args, part)
+        self.share_edges.launch(
+            self.pixels_of(part),
+            SceneOf(Some(&self.scene), self.traversals.pixels),
+            camera,
+            rays,
+            &pattern.tiles,
+            part.tiles.start,
+            part.tiles.len() as u32,
+            &self.hits,
+            records,
+            &self.counters,
+        )
     }
 
     pub(super) fn trace_only_samples(
@@ -137,17 +130,12 @@ impl Tracer {
         pattern: &TracePattern,
         part: &Part,
     ) -> Result<Event> {
-        let mut args = self.scene.args(self.traversals.pixels);
-        args.extend([
-            Arg::value(camera),
-            Arg::buffer(&pattern.samples),
-            Arg::U32(part.samples.start),
-            Arg::U32(part.samples.len() as u32),
-            Arg::buffer(&self.hits),
-        ]);
         let traversal = self.traversals.pixels;
         let items = traversal.items_of_samples(part.samples.len(), &self.device);
-        self.trace_samples.launch(&args, items, traversal.group_of_streams())
+        let grid = Grid { items, group: traversal.group_of_streams() };
+        let (first, count) = (part.samples.start, part.samples.len() as u32);
+        let scene = SceneOf(Some(&self.scene), traversal);
+        self.trace_samples.launch(grid, scene, camera, &pattern.samples, first, count, &self.hits)
     }
 
     pub(super) fn shade(
@@ -159,21 +147,24 @@ impl Tracer {
         visibility: Option<&Buffer<VisibilityRecord>>,
         samples: &Buffer<SampleRecord>,
     ) -> Result<Event> {
-        let mut args = self.scene.args(self.traversals.bundles);
-        args.extend([
-            Arg::value(camera),
-            Arg::value(shading),
-            Arg::buffer(&pattern.samples),
-            Arg::U32(part.samples.start),
-            Arg::U32(part.samples.len() as u32),
-            Arg::buffer(&self.hits),
-            visibility.map_or(Arg::NONE, Arg::buffer),
-            Arg::buffer(samples),
-        ]);
-        args.extend(self.light.args());
-        args.push(Arg::buffer(&self.counters));
         let traversal = self.traversals.bundles;
         let items = traversal.items_of_streams(part.samples.len(), &self.device);
-        self.shade_samples.launch(&args, items, traversal.group_of_streams())
+        let (info, keys, cells) = self.light.looked_up();
+        self.shade_samples.launch(
+            Grid { items, group: traversal.group_of_streams() },
+            SceneOf(Some(&self.scene), traversal),
+            camera,
+            shading,
+            &pattern.samples,
+            part.samples.start,
+            part.samples.len() as u32,
+            &self.hits,
+            visibility,
+            samples,
+            info,
+            keys,
+            cells,
+            &self.counters,
+        )
     }
 }

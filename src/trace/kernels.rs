@@ -1,0 +1,212 @@
+//! A launch function for each kernel, which takes what the kernel does: by name, by type and in its order. A test holds
+//! them to the kernels' text.
+
+use crate::error::Result;
+use crate::gpu::opencl::{Arg, Buffer, Event, Kernel, Program};
+use crate::layout::{
+    CacheCell, CacheInfo, CacheSum, Camera, HitRecord, SampleRecord, Shading, VisibilityRecord,
+};
+
+use super::{SceneBuffers, Traversal};
+
+/// How many work-items a launch has, and how many of them a group.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    pub items: usize,
+    pub group: usize,
+}
+
+/// A scene, or none, as the kernels of a variant take it: `SCENE_PARAMETERS`.
+#[derive(Clone, Copy)]
+pub(super) struct SceneOf<'a>(pub Option<&'a SceneBuffers>, pub Traversal);
+
+/// What a kernel can be given.
+trait Given<'a> {
+    /// Adds it to a kernel's arguments.
+    fn give(self, args: &mut Vec<Arg<'a>>);
+}
+
+impl<'a> Given<'a> for SceneOf<'a> {
+    fn give(self, args: &mut Vec<Arg<'a>>) {
+        match self.0 {
+            Some(scene) => args.extend(scene.args(self.1)),
+            None => args.extend([Arg::NONE; SceneBuffers::ARGUMENTS]),
+        }
+    }
+}
+
+impl<'a> Given<'a> for u32 {
+    fn give(self, args: &mut Vec<Arg<'a>>) {
+        args.push(Arg::U32(self));
+    }
+}
+
+impl<'a, T: bytemuck::Pod> Given<'a> for &'a Buffer<T> {
+    fn give(self, args: &mut Vec<Arg<'a>>) {
+        args.push(Arg::buffer(self));
+    }
+}
+
+impl<'a, T: bytemuck::Pod> Given<'a> for Option<&'a Buffer<T>> {
+    fn give(self, args: &mut Vec<Arg<'a>>) {
+        args.push(self.map_or(Arg::NONE, Arg::buffer));
+    }
+}
+
+/// Structs that travel by value.
+macro_rules! by_value {
+    ($($type:ty),*) => {$(
+        impl<'a> Given<'a> for &'a $type {
+            fn give(self, args: &mut Vec<Arg<'a>>) {
+                args.push(Arg::value(self));
+            }
+        }
+    )*};
+}
+by_value!(Camera, Shading, CacheInfo);
+
+macro_rules! kernels {
+    ($($(#[$doc:meta])* $type:ident = $name:ident($($arg:ident: $given:ty),* $(,)?);)*) => {
+        $(
+            $(#[$doc])*
+            #[derive(Debug)]
+            pub(super) struct $type(Kernel);
+
+            impl $type {
+                pub fn of(program: &Program) -> Result<Self> {
+                    program.kernel(stringify!($name)).map($type)
+                }
+
+                #[allow(clippy::too_many_arguments)]
+                pub fn launch(&self, grid: Grid, $($arg: $given),*) -> Result<Event> {
+                    let mut args = Vec::new();
+                    $(Given::give($arg, &mut args);)*
+                    self.0.launch(&args, grid.items, grid.group)
+                }
+            }
+        )*
+
+        /// Each kernel's name, with its parameters' names and types.
+        #[cfg(test)]
+        const PARAMETERS: &[(&str, &[(&str, &str)])] =
+            &[$((stringify!($name), &[$((stringify!($arg), stringify!($given))),*])),*];
+    };
+}
+
+kernels! {
+    /// Finds what the pixels of tiles see first.
+    TracePixels = trace_pixels(
+        scene: SceneOf, camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, hits: &Buffer<HitRecord>,
+        seed: u32,
+    );
+    /// Finds what samples see first.
+    TraceSamples = trace_samples(
+        scene: SceneOf, camera: &Camera, samples: &Buffer<u32>, first: u32, count: u32, hits: &Buffer<HitRecord>,
+    );
+    /// Chooses among the BLEND surfaces before each pixel.
+    SettleBlends = settle_blends(
+        scene: SceneOf, camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, hits: &Buffer<HitRecord>,
+        alphas: &Buffer<u8>,
+    );
+    /// Shares them between neighbours.
+    ShareBlends = share_blends(
+        camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, alphas: &Buffer<u8>,
+        records: &Buffer<VisibilityRecord>,
+    );
+    /// Describes what pixels see.
+    DescribePixels = describe_pixels(
+        scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+    );
+    /// Finds how much of each pixel at an edge is a neighbour's.
+    ShareEdges = share_edges(
+        scene: SceneOf, camera: &Camera, rays: u32, tiles: &Buffer<u32>, first: u32, tile_count: u32,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+    );
+    /// Shades samples.
+    ShadeSamples = shade_samples(
+        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>, records: &Buffer<SampleRecord>,
+        info: &CacheInfo, keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
+    );
+    /// Gathers the records of tiles.
+    PackVisibility = pack_visibility(
+        camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, records: &Buffer<VisibilityRecord>,
+        packed: &Buffer<VisibilityRecord>,
+    );
+    /// Brings light to the cache.
+    LightCells = light_cells(
+        scene: SceneOf, camera: &Camera, shading_of_view: &Shading, info: &CacheInfo, samples: &Buffer<u32>,
+        count: u32, keys: &Buffer<u32>, cells: &Buffer<CacheCell>, sums: &Buffer<CacheSum>, touched: &Buffer<u32>,
+        counters: &Buffer<u32>,
+    );
+    /// Takes in what was brought.
+    SettleCells = settle_cells(
+        info: &CacheInfo, cells: &Buffer<CacheCell>, sums: &Buffer<CacheSum>, touched: &Buffer<u32>,
+        counters: &Buffer<u32>,
+    );
+    /// Gives up cells that no path has passed for long.
+    ForgetCells = forget_cells(info: &CacheInfo, keys: &Buffer<u32>, cells: &Buffer<CacheCell>);
+    /// Whether rays in bundles hit anything.
+    OccludedBundles = occluded_bundles(
+        scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32, hidden: &Buffer<u32>,
+    );
+    /// What rays in bundles hit first.
+    IntersectBundles = intersect_bundles(
+        scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32,
+        hits: &Buffer<HitRecord>,
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::source;
+    use super::PARAMETERS;
+
+    /// Each declaration of a kernel in a text: name, and parameters without what says nothing of their type.
+    fn declared(text: &str) -> Vec<(String, Vec<(String, String)>)> {
+        let parameter = |written: &str| {
+            let words = written.replace('*', " * ").replace("SCENE_PARAMETERS", "SceneOf scene");
+            let words: Vec<&str> =
+                words.split_whitespace().filter(|word| !["__global", "const"].contains(word)).collect();
+            let (name, kind) = words.split_last().unwrap();
+            (name.to_string(), kind.join(" "))
+        };
+        let declaration = |rest: &str| {
+            let (name, rest) = rest.split_once('(').unwrap();
+            let (parameters, _) = rest.split_once(')').unwrap();
+            (name.trim().to_string(), parameters.split(',').map(parameter).collect())
+        };
+        text.split("__kernel void").skip(1).map(declaration).collect()
+    }
+
+    /// A type of the host's as kernels write it.
+    fn in_opencl(given: &str) -> String {
+        let given = given.replace(' ', "");
+        let buffer = given.strip_prefix("Option<&Buffer<").or_else(|| given.strip_prefix("&Buffer<"));
+        match (buffer.map(|element| element.trim_end_matches('>')), given.as_str()) {
+            (Some("u32"), _) => "uint *".to_string(),
+            (Some("u8"), _) => "uchar *".to_string(),
+            (Some("[f32;3]"), _) => "float *".to_string(),
+            (Some(element), _) => format!("{element} *"),
+            (None, "u32") => "uint".to_string(),
+            (None, value) => value.trim_start_matches('&').to_string(),
+        }
+    }
+
+    #[test]
+    fn launch_functions_take_what_their_kernels_do() {
+        let text = source::text() + &source::probe_text();
+        let declared = declared(&text);
+        for (name, parameters) in PARAMETERS {
+            let given: Vec<(String, String)> =
+                parameters.iter().map(|(name, kind)| (name.to_string(), in_opencl(kind))).collect();
+            let mut variants = declared.iter().filter(|(other, _)| other == name).peekable();
+            assert!(variants.peek().is_some(), "there is no kernel {name}");
+            variants.for_each(|(_, parameters)| assert_eq!(*parameters, given, "{name}"));
+        }
+        for (name, _) in &declared {
+            assert!(PARAMETERS.iter().any(|(other, _)| other == name), "{name} has no launch function");
+        }
+    }
+}
