@@ -125,11 +125,14 @@ test-windows: ## Try foveate.exe under Wine: devices, pictures, a window, a head
 	cargo build
 	scripts/test-windows.sh
 
-lint: ## Check format, lints and crates (needs the rustfmt and clippy components, and cargo-deny)
+lint: ## Check format, lints, each feature alone, documentation and crates (needs the rustfmt and clippy components, and cargo-deny)
 	@$(need_cargo)
 	cargo fmt --all --check
-	cargo clippy --all-targets -- -D warnings
-	cargo clippy --lib --bins --no-default-features -- -D warnings
+	cargo clippy --workspace --all-targets -- -D warnings
+	for feature in '' openxr dk1 window; do \
+	  cargo clippy --lib --bins --examples --no-default-features --features "$$feature" -- -D warnings || exit 1; \
+	done
+	RUSTDOCFLAGS=-Dwarnings cargo doc --no-deps
 	scripts/check-crates.sh
 
 install-udev: ## Let this seat's user open the tracker of a Rift DK1

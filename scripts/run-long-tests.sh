@@ -8,7 +8,7 @@ log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 
 status=0
-cargo test --no-fail-fast "$@" -- --ignored --nocapture --test-threads=1 long_ 2>&1 | tee "$log" || status=$?
+cargo test --workspace --no-fail-fast "$@" -- --ignored --nocapture --test-threads=1 long_ 2>&1 | tee "$log" || status=$?
 
 awk -v status="$status" '
   /^test result:/ { passed += $4; failed += $6 }

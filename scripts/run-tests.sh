@@ -9,7 +9,7 @@ trap 'rm -f "$log"' EXIT
 
 # Without --show-output cargo keeps the output of passing tests to itself, and with it "not run".
 status=0
-cargo test --no-fail-fast "$@" -- --show-output 2>&1 | tee "$log" || status=$?
+cargo test --workspace --no-fail-fast "$@" -- --show-output 2>&1 | tee "$log" || status=$?
 
 echo
 grep -o 'not run: .*' "$log" | sort | uniq -c | sed 's/^ *\([0-9]*\) /\1 x /' || true
