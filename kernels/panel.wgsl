@@ -1,10 +1,10 @@
 // A window's pixels from a picture: through lenses, or only scaled. See src/headset/panel/lens_warp.rs.
-//#include shared/cover.wgsl
 //
 // A lens needs pixels from all over the picture, three for each of its own, so this one is finished first and copied
 // to a buffer that the pass reads. The window's loop waits for each image on the host instead of with semaphores
 // (`src/gpu/vulkan/swapchain.rs`): the next frame's pose is asked for after that either way. winit opens windows and
 // ash-window their surfaces.
+//#include shared/cover.wgsl
 
 struct Parameters {
     // Centre in the target, and units of radius for a pixel.

@@ -43,9 +43,11 @@
 //! let fov = FieldOfView::symmetric(1.2, 1.0);
 //! let view = View { world_from_eye: Pose::IDENTITY, fov, width: 200, height: 200, spacing: Default::default() };
 //! let pattern = Pattern::new(&view, &Law::default(), DVec2::new(0.5, 0.5), 2000);
-//! let at_the_gaze = |packed: &&u32| (**packed & 0xffff).abs_diff(100) < 20 && (**packed >> 16).abs_diff(100) < 20;
-//! let share = pattern.samples.iter().filter(at_the_gaze).count() as f64 / pattern.samples.len() as f64;
-//! assert!(share > 2.0 * 39.0 * 39.0 / (200.0 * 200.0), "far more than the share of the area: {share}");
+//! let near = |x: u32, y: u32| {
+//!     let inside = |packed: &&u32| (**packed & 0xffff).abs_diff(x) < 20 && (**packed >> 16).abs_diff(y) < 20;
+//!     pattern.samples.iter().filter(inside).count()
+//! };
+//! assert!(near(100, 100) > 2 * near(20, 20), "more at the gaze than in a corner");
 //! ```
 //!
 //! Without the features `openxr`, `dk1` (the tracker's driver) and `window`, all on by default, what needs them is left out.

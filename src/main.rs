@@ -3,8 +3,8 @@
 //! Drivers that the system lacks may be unpacked beside it (`scripts/unpack-drivers.sh`). Those of a newer
 //! Debian need its C library, and a process has one: so what is built in a checkout with such drivers names
 //! the unpacked loader as its interpreter and the folder as its path for libraries (`build/drivers.rs`), and
-//! `src/main.rs` tells the loaders of OpenCL and Vulkan where drivers are. Nothing of it is in the
-//! environment of other programs, and a checkout without them links as usual.
+//! this file tells the loaders of OpenCL and Vulkan where drivers are. Nothing of it is in the environment of
+//! other programs, and a checkout without them links as usual.
 //!
 //! What is unsafe here keeps OpenXR's loader quiet, and names unpacked drivers and a place for caches.
 #![allow(unsafe_code)]

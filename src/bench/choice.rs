@@ -1,16 +1,12 @@
-//! Which variant of the kernels is the fastest for which rays on a device: measured at the first start, and kept.
+//! Which variant of the kernels is the fastest for which rays on a device: measured at the first start, and
+//! kept.
 //!
-//! A small scene of our own is traced by every variant in turn. The fastest run of each counts, since others on
-//! the machine only ever make runs slower, and the one that is expected of the device's kind stays where no
-//! other is clearly faster. What was found is kept in the user's cache, one file for each device, driver and
-//! text of the kernels: a line with the XXH3 hash of the next, and a line of JSON.
-//!
-//! **Variants by measurement.** When a device is first used, both variants trace a small scene in turns, and
-//! the fastest run of each counts, for dense camera rays and for light rays. What is expected of the device's
-//! kind stays unless the other is faster by a tenth. The times are kept in
-//! `$XDG_CACHE_HOME/foveate/traversals` under a hash of device, driver and kernels' text; a damaged file is
-//! measured anew, and where measuring fails the kind decides. `foveate devices` tells what was chosen and
-//! why.
+//! When a device is first used, both variants trace a small scene of our own in turns, for dense camera rays
+//! and for light rays. The fastest run of each counts, since others on the machine only ever make runs
+//! slower. What is expected of the device's kind stays unless the other is faster by a tenth. The times are
+//! kept in `$XDG_CACHE_HOME/foveate/traversals`, one file for each device, driver and text of the kernels: a
+//! line with the XXH3 hash of the next, and a line of JSON. A damaged file is measured anew, and where
+//! measuring fails the kind decides. `foveate devices` tells what was chosen and why.
 
 use std::io::{Read, Write};
 use std::path::Path;

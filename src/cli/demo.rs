@@ -69,7 +69,10 @@ pub fn run(args: &Args) -> Result<()> {
         defaults.foveation.visibility_slope = 0.0;
     }
     if args.scene.is_none() {
-        args.options.scene.refuse("it chooses in a file, and the demo scene is shown; give a file too")?;
+        args.options
+            .picture
+            .scene
+            .refuse("it chooses in a file, and the demo scene is shown; give a file too")?;
     }
     let mut layers = args.options.layers(Layers::over(defaults))?;
     let config = args.speed.over(args.options.finished(&layers)?)?;
@@ -77,12 +80,13 @@ pub fn run(args: &Args) -> Result<()> {
     let displayed = args.speed.over(args.options.finished(&layers)?)?;
     if args.window || args.headset.is_some() {
         args.options
+            .picture
             .view
             .refuse_pose("a window begins where the scene says, and is walked from there; leave it out")?;
         args.options.look.refuse("in a window it is the centre; leave it out")?;
         let (config, scene) = (&displayed, args.scene.as_deref());
         let show = Show { config, notes, scene, headset: args.headset, frames: args.frames };
-        return show.run(args.options.config.json);
+        return show.run(args.options.picture.config.json);
     }
     if args.frames.is_some() {
         return Err(Error::setting("--frames", "it counts frames of a window; give --window too"));
@@ -101,14 +105,14 @@ pub fn run(args: &Args) -> Result<()> {
         config: &config,
         loaded: &loaded,
         machine: &machine,
-        profile: fitted(Profile::generic(), &config, args.options.view.fov_y()),
-        rest: args.options.view.viewpoint(&loaded.scene, &config)?.0,
+        profile: fitted(Profile::generic(), &config, args.options.picture.view.fov_y()),
+        rest: args.options.picture.view.viewpoint(&loaded.scene, &config)?.0,
         gaze: args.options.look.gaze,
         still: false,
         out: &args.out,
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;
-    session.run(frames, SCRIPT_SECONDS)?.print(args.options.config.json)
+    session.run(frames, SCRIPT_SECONDS)?.print(args.options.picture.config.json)
 }
 
 #[cfg(feature = "openxr")]

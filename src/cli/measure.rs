@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use indicatif::ProgressBar;
 
 use super::mock;
-use super::options::{MeasureOptions, Options};
+use super::options::{Options, PictureOptions};
 use super::stop::end_now;
 use super::{output, render};
 use crate::config::{Config, Layers, Stereo};
@@ -37,7 +37,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value = "generic")]
     headset: String,
     #[command(flatten)]
-    pub(super) options: MeasureOptions,
+    pub(super) options: PictureOptions,
 }
 
 /// The script's length in seconds, along which the head's poses are taken.

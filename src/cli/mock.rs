@@ -96,19 +96,19 @@ pub fn run(args: &Args) -> Result<()> {
     check_out(&args.out)?;
     let (machine, loaded) = render::open_with(&config, || render::load_moving(&args.scene, &config))?;
     output::print_warnings(&loaded.warnings);
-    let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;
+    let (rest, _) = args.options.picture.view.viewpoint(&loaded.scene, &config)?;
     let session = Session {
         config: &config,
         loaded: &loaded,
         machine: &machine,
-        profile: fitted(profile, &config, args.options.view.fov_y()),
+        profile: fitted(profile, &config, args.options.picture.view.fov_y()),
         rest,
         gaze: args.options.look.gaze,
         still: args.still,
         out: &args.out,
     };
     let summary = session.run(|_| args.frames, f64::from(args.frames) / profile.refresh_hz)?;
-    summary.print(args.options.config.json)
+    summary.print(args.options.picture.config.json)
 }
 
 /// The headset of that name.

@@ -87,12 +87,12 @@ impl Cli {
     /// Whether results, and so errors too, are to be JSON.
     pub fn json(&self) -> bool {
         match &self.command {
-            Command::Render(args) => args.options.config.json,
+            Command::Render(args) => args.options.picture.config.json,
             #[cfg(feature = "openxr")]
-            Command::Run(args) => args.options.config.json,
-            Command::Mock(args) => args.options.config.json,
+            Command::Run(args) => args.options.picture.config.json,
+            Command::Mock(args) => args.options.picture.config.json,
             Command::Measure(args) => args.options.config.json,
-            Command::Demo(args) => args.options.config.json,
+            Command::Demo(args) => args.options.picture.config.json,
             Command::Scene(args) => args.json(),
             Command::Tracker(args) => args.json,
             Command::Bench(args) => args.options.config.json,

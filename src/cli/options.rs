@@ -167,9 +167,9 @@ pub trait Options {
     }
 }
 
-/// What a picture shows and how it is made, and frame times to hold.
+/// What pictures show and how they are made.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct RenderOptions {
+pub struct PictureOptions {
     #[command(flatten)]
     preset: PresetFlag,
     #[command(flatten)]
@@ -177,20 +177,37 @@ pub struct RenderOptions {
     #[command(flatten)]
     pub scene: SceneFlags,
     #[command(flatten)]
-    targets: TargetFlags,
-    #[command(flatten)]
     pub view: ViewFlags,
     #[command(flatten)]
     samples: SampleFlags,
     #[command(flatten)]
-    pub look: GazeFlag,
-    #[command(flatten)]
     light: LightFlags,
+}
+
+impl Options for PictureOptions {
+    fn sources(&self) -> (&PresetFlag, &ConfigOptions) {
+        (&self.preset, &self.config)
+    }
+
+    fn flags(&self) -> Result<Vec<Flag>> {
+        Ok([self.scene.given(), self.view.given()?, self.samples.given(), self.light.given()].concat())
+    }
+}
+
+/// The same with a gaze, and frame times to hold: where pictures are measured, both are the measurement's own.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct RenderOptions {
+    #[command(flatten)]
+    pub picture: PictureOptions,
+    #[command(flatten)]
+    targets: TargetFlags,
+    #[command(flatten)]
+    pub look: GazeFlag,
 }
 
 impl Options for RenderOptions {
     fn sources(&self) -> (&PresetFlag, &ConfigOptions) {
-        (&self.preset, &self.config)
+        self.picture.sources()
     }
 
     fn targets(&self) -> Vec<Flag> {
@@ -198,34 +215,7 @@ impl Options for RenderOptions {
     }
 
     fn flags(&self) -> Result<Vec<Flag>> {
-        Ok([self.scene.given(), self.view.given()?, self.samples.given(), self.light.given()].concat())
-    }
-}
-
-/// What is measured by pictures: gazes and frame times are the measurement's own.
-#[derive(Clone, Debug, Default, clap::Args)]
-pub struct MeasureOptions {
-    #[command(flatten)]
-    preset: PresetFlag,
-    #[command(flatten)]
-    pub config: ConfigOptions,
-    #[command(flatten)]
-    pub scene: SceneFlags,
-    #[command(flatten)]
-    pub view: ViewFlags,
-    #[command(flatten)]
-    samples: SampleFlags,
-    #[command(flatten)]
-    light: LightFlags,
-}
-
-impl Options for MeasureOptions {
-    fn sources(&self) -> (&PresetFlag, &ConfigOptions) {
-        (&self.preset, &self.config)
-    }
-
-    fn flags(&self) -> Result<Vec<Flag>> {
-        Ok([self.scene.given(), self.view.given()?, self.samples.given(), self.light.given()].concat())
+        self.picture.flags()
     }
 }
 

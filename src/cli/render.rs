@@ -150,7 +150,7 @@ fn file_kind(path: &std::path::Path) -> Result<FileKind> {
 }
 
 fn plan(options: &RenderOptions, config: &Config, loaded: &Loaded) -> Result<Plan> {
-    let (head, fov_y) = options.view.viewpoint(&loaded.scene, config)?;
+    let (head, fov_y) = options.picture.view.viewpoint(&loaded.scene, config)?;
     plan_at(config, head, fov_y)
 }
 
@@ -232,7 +232,7 @@ fn report(
     steps: &[Step],
 ) -> Result<()> {
     let render = RenderSummary::of(frames).about((plan.width, plan.height), machine, renderer, steps);
-    if args.options.config.json {
+    if args.options.picture.config.json {
         return output::print_json(&Summary {
             render,
             passes: args.passes,

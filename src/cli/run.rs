@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
     let mirror = args.mirror.then(Mirror::connect).transpose()?;
     let stop = stop_signal(last_words)?;
     // Whether there is a headset is known at once, and a scene may take long.
-    let watch = Watchdog::start(stop.clone(), args.options.config.json);
+    let watch = Watchdog::start(stop.clone(), args.options.picture.config.json);
     watch.asks();
     let insets = takes_insets(&config);
     let runtime = match args.wait {
@@ -73,17 +73,17 @@ pub fn run(args: &Args) -> Result<()> {
     let loaded = super::render::load_moving(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(&notes);
-    let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;
+    let (rest, _) = args.options.picture.view.viewpoint(&loaded.scene, &config)?;
     let [width, height] = args.options.given_size()?;
     let presentation = Presentation {
         config: &config,
         loaded: &loaded,
         rest,
         gaze: args.options.look.gaze,
-        fov_y: args.options.view.fov_y(),
+        fov_y: args.options.picture.view.fov_y(),
         size: [width.map(|both| both.div_ceil(2)), height],
         frames: args.frames,
-        quiet: args.options.config.json,
+        quiet: args.options.picture.config.json,
         log: args.log.as_deref(),
         waits: args.wait,
         stop,
@@ -115,7 +115,7 @@ pub fn demo(
 
 fn in_headset(args: &super::demo::Args, config: &Config, notes: &[String], runtime: Runtime) -> Result<()> {
     let stop = stop_signal(last_words)?;
-    let watch = Watchdog::start(stop.clone(), args.options.config.json);
+    let watch = Watchdog::start(stop.clone(), args.options.picture.config.json);
     let loaded = super::demo::load(args.scene(), config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(notes);
@@ -123,12 +123,12 @@ fn in_headset(args: &super::demo::Args, config: &Config, notes: &[String], runti
     let presentation = Presentation {
         config,
         loaded: &loaded,
-        rest: args.options.view.viewpoint(&loaded.scene, config)?.0,
+        rest: args.options.picture.view.viewpoint(&loaded.scene, config)?.0,
         gaze: args.options.look.gaze,
-        fov_y: args.options.view.fov_y(),
+        fov_y: args.options.picture.view.fov_y(),
         size: [width.map(|both| both.div_ceil(2)), height],
         frames: None,
-        quiet: args.options.config.json,
+        quiet: args.options.picture.config.json,
         log: None,
         waits: false,
         stop,

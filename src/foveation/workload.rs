@@ -1,12 +1,12 @@
 //! A view's work in order, and where it may be cut.
 //!
 //! A view's tiles lie along a Hilbert curve, and its samples tile by tile, so that any run of samples is a
-//! region. `Workload` (`src/foveation/workload.rs`) cuts that order into a part for each device, at multiples
-//! of 32 samples: camera rays travel in streams of 32, and none is torn. Each sample, its random numbers and
-//! its rays depend on its index alone, so pictures do not depend on how they were split
-//! (`tests/fleet/main.rs` compares them bit by bit). With guided reconstruction a part's tiles come with it;
-//! a tile with a cut in it is traced by both neighbours and delivered by the first. Edges look at
-//! neighbouring pixels, so each device also traces the ring of 8 by 8 pixels' blocks around its part.
+//! region. [`Workload`] cuts that order into a part for each device, at multiples of 32 samples: camera rays
+//! travel in streams of 32, and none is torn. Each sample, its random numbers and its rays depend on its
+//! index alone, so pictures do not depend on how they were split (`tests/fleet/main.rs` compares them bit by
+//! bit). With guided reconstruction a part's tiles come with it; a tile with a cut in it is traced by both
+//! neighbours and delivered by the first. Edges look at neighbouring pixels, so each device also traces the
+//! ring of 8 by 8 pixels' blocks around its part.
 
 use std::ops::Range;
 

@@ -2,12 +2,11 @@
 //!
 //! All of it is arithmetic on numbers that are handed in: no clock, no device.
 //!
-//! `Controller` in `src/frame/budget.rs` stands beside this page: where a frame's time is to be held, it
-//! takes what frames cost and tells the samples and rays of the next one, along the front that `foveate
-//! measure` has found (`budget.front`) or that of the preset (`src/frame/quality_levels.rs`: of it, the
-//! points that differ in samples and rays alone, so that frames move between them unseen). Two slow frames in
-//! a row count nearly whole, so that the third is in time again; one alone counts nothing, and lighter views
-//! are believed slowly. What is out of reach is told once. It is arithmetic alone, and
+//! Where a frame's time is to be held, [`Controller`] takes what frames cost and tells the samples and rays
+//! of the next one, along the front that `foveate measure` has found (`budget.front`) or that of the preset
+//! (`src/frame/quality_levels.rs`: of it, the points that differ in samples and rays alone, so that frames
+//! move between them unseen). Two slow frames in a row count nearly whole, so that the third is in time
+//! again; one alone counts nothing, and lighter views are believed slowly. What is out of reach is told once.
 //! `Renderer::set_quality` takes what it says from frame to frame.
 
 use serde::{Deserialize, Serialize};

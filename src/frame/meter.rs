@@ -1,7 +1,8 @@
-//! Automatic exposure of a renderer's frames: what their samples see, read from where they are handed to Vulkan.
+//! Automatic exposure of a renderer's frames: what their samples see, read from where they are handed to
+//! Vulkan.
 //!
-//! `Meter` (`src/frame/meter.rs`) looks at some of the samples, and `Exposure` (`src/frame/exposure.rs`)
-//! makes of that how bright the next frame is shown: docs/light.md.
+//! [`Meter`] looks at some of the samples, and `Exposure` (`src/frame/exposure.rs`) makes of that how bright
+//! the next frame is shown: docs/light.md.
 
 use std::time::Instant;
 

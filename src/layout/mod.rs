@@ -1,10 +1,8 @@
 //! Every struct that the host and a kernel both read, in one place.
 //!
-//! Fields are `f32`, `u32` and arrays of them. OpenCL's copies are in `kernels/shared/types.h`, which
-//! [`types_header`] writes; the Vulkan shaders read the two records that cross from OpenCL, whose copies are in
-//! `kernels/shared/types.wgsl` ([`types_wgsl`]). A test compares both.
-//!
-//! Records hold floats, unsigned integers and arrays of them, so that no compiler pads them.
+//! Fields are `f32`, `u32` and arrays of them, so that no compiler pads them. OpenCL's copies are in
+//! `kernels/shared/types.h`, which [`types_header`] writes; the Vulkan shaders read the two records that
+//! cross from OpenCL, whose copies are in `kernels/shared/types.wgsl` ([`types_wgsl`]). A test compares both.
 
 mod cache;
 mod constants;

@@ -1,12 +1,9 @@
 //! What makes frames for a headset, whatever headset that is.
 //!
-//! [`FrameLoop::step`] is the page to read: it asks a [`Headset`](crate::headset::Headset) for a frame, poses and
-//! gaze, has a [`Draw`] make the picture, hands it over, and tells an [`Observer`].
-//!
-//! `FrameLoop::step` in `src/session/frame_loop.rs` is the page that calls it: wait, locate, look, hold the
-//! time, trace, correct, hand over, tell. It asks a `Headset` for frames, poses, gaze and images, has a
-//! `Draw` (the renderer) make the picture, and tells an `Observer`; all headsets go through it, so gaze
-//! filter, late correction and budget hold for each. `Rig` knows where the wearer stands, `Looks`
+//! [`FrameLoop::step`] is the page to read: wait, locate, look, hold the time, trace, correct, hand over,
+//! tell. It asks a [`Headset`](crate::headset::Headset) for frames, poses, gaze and images, has a [`Draw`]
+//! (the renderer) make the picture, and tells an [`Observer`]; all headsets go through it, so gaze filter,
+//! late correction and budget hold for each. `Rig` knows where the wearer stands, `Looks`
 //! (`src/session/gaze.rs`) where each view is sharp, `Pace` for which time poses are asked, `Traced` what is
 //! traced for the views. Where the eye has moved while its samples were traced, `Reprojection`
 //! (`src/reconstruct/reprojection.rs`) moves pixels to where they are seen now: docs/headsets.md.

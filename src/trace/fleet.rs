@@ -1,15 +1,14 @@
-//! Several devices that share each frame. Each has a thread of its own, which opens it, traces its parts,
-//! and opens it anew after a failure: a driver that hangs holds nobody up but itself.
+//! Several devices that share each frame.
 //!
-//! `Fleet` (`src/trace/fleet.rs`) has a thread for each device, which opens it, has it show that it computes
-//! what it should (`src/trace/self_test.rs`), traces its parts, and opens it anew after a failure, at growing
-//! intervals. A driver that hangs holds up nobody else: after a while its part goes to the others in the same
-//! frame, and it may take part again once it answers. `Worker` is what a fleet has of a device; tests give it
-//! some that fail. Each device has a context and a copy of the scene of its own, although devices of one
-//! platform could share a context: nothing is shared between devices but what the host packs once and keeps
-//! for those that come back, and in a common context buffers may be kept for, moved to, or lost with each
-//! device in it, as the driver likes. The first device writes results in place where memory is shared; the
-//! others' are copied, samples as they are and visibility packed tile by tile (`kernels/gather.cl`).
+//! Each has a thread of its own, which opens it, has it show that it computes what it should
+//! (`src/trace/self_test.rs`), traces its parts, and opens it anew after a failure, at growing intervals. A
+//! driver that hangs holds up nobody else: after a while its part goes to the others in the same frame, and
+//! it may take part again once it answers. `Worker` is what a fleet has of a device; tests give it some that
+//! fail. Each device has a context and a copy of the scene of its own, although devices of one platform could
+//! share a context: nothing is shared between devices but what the host packs once and keeps for those that
+//! come back, and in a common context buffers may be kept for, moved to, or lost with each device in it, as
+//! the driver likes. The first device writes results in place where memory is shared; the others' are copied,
+//! samples as they are and visibility packed tile by tile (`kernels/gather.cl`).
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -3,9 +3,10 @@
 //!
 //! Light at a sample (`kernels/shared/light.h`): directions come from one mixture of sun, environment map (an
 //! alias table over its texels, `src/scene/importance.rs`), emitters, diffuse and specular reflection,
-//! weighted by the balance heuristic. Reflected light comes from a cache, or from paths: see below. Points
-//! are Owen-scrambled Sobol, taken from one sequence in the order of the samples: neighbours in the picture
-//! are stratified together, which is what a filter over neighbours wants (`kernels/shared/random.h`).
+//! weighted by the balance heuristic. Reflected light comes from a cache, or from paths: see
+//! `src/trace/light_cache.rs`. Points are Owen-scrambled Sobol, taken from one sequence in the order of the
+//! samples: neighbours in the picture are stratified together, which is what a filter over neighbours wants
+//! (`kernels/shared/random.h`).
 
 mod emitters;
 mod fleet;

@@ -2,17 +2,15 @@
 //!
 //! The unknowns are two: how fast each device is, and what each place of the view costs. Devices change
 //! slowly and places quickly, so what a device's time says beyond expectation goes to its rate by a small
-//! gain and to the costs of its places by a large one. Only ratios count, so what all devices have in
-//! common says nothing. A single time that is far off is taken for an accident, a second one is believed;
-//! where what pixels see has changed all over, everything is believed at once.
+//! gain and to the costs of its places by a large one. Only ratios count, so what all devices have in common
+//! says nothing. A single time that is far off is taken for an accident, a second one is believed; where what
+//! pixels see has changed all over, everything is believed at once.
 //!
-//! `Balancer` (`src/frame/balance/mod.rs`) knows two things of the last frames: each device's rate, and what
-//! each tile's pixels and samples cost (`src/frame/balance/costs.rs`). Costs are expected from what the
-//! tile's samples met, sky or surface, and corrected by what parts took; processors are timed by quarters of
-//! their part, graphics cards, which idle at each launch's end, by the whole. Rates follow slowly and costs
-//! quickly. A time that is far off counts when it comes twice; when what pixels see has changed all over,
-//! everything counts at once. A device too slow for even 32 samples is asked again in every thirty-second
-//! frame. `tests/balance/main.rs` has fleets of up to sixteen devices, noise, cuts, accidents and failures.
+//! Costs (`src/frame/balance/costs.rs`) are expected from what the tile's samples met, sky or surface, and
+//! corrected by what parts took; processors are timed by quarters of their part, graphics cards, which idle
+//! at each launch's end, by the whole. A device too slow for even 32 samples is asked again in every
+//! thirty-second frame. `tests/balance/main.rs` has fleets of up to sixteen devices, noise, cuts, accidents
+//! and failures.
 
 mod costs;
 

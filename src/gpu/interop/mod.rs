@@ -1,11 +1,11 @@
 //! Memory that OpenCL writes and Vulkan reads: the samples on their way from one to the other.
 //!
-//! Where a probe at start proves that both see the same bytes, nothing is copied: a mapped Vulkan
-//! allocation is given to OpenCL as its own (`CL_MEM_USE_HOST_PTR`) by devices that use the host's memory,
-//! and imported from an opaque file descriptor where both APIs list that for one and the same device. Elsewhere
-//! the results are read back into that allocation, which is affordable since only samples cross, never pictures.
+//! Where a probe at start proves that both see the same bytes, nothing is copied: a mapped Vulkan allocation
+//! is given to OpenCL as its own (`CL_MEM_USE_HOST_PTR`) by devices that use the host's memory, and imported
+//! from an opaque file descriptor where both APIs list that for one and the same device. Elsewhere the
+//! results are read back into that allocation, which is affordable since only samples cross, never pictures.
 //!
-//! Two records of `src/layout/frame.rs`, and nothing else:
+//! Two records of `src/layout/records.rs` cross, and nothing else:
 //!
 //! - `SampleRecord`, 48 bytes for each sample: diffuse and specular light with the surface's own colours
 //!   divided out, depth, normal, and where that matters what reflection was expected and where light comes
@@ -14,13 +14,13 @@
 //!   roughness, emitted light, the normal with its map, the reflection that is expected.
 //!
 //! At 1280x800 with 55,000 samples this is 2.6 MB and 28.7 MB. No picture crosses: reconstruction runs where
-//! it is shown, and writes the target itself. `probe` in `src/gpu/interop/mod.rs` decides at start, by
-//! writing a pattern with one and reading it with the other, whether memory is shared. Devices that say they
-//! use the host's memory are given the mapping in place. Others import it from an opaque file descriptor
-//! (`HostBuffer::exported`, `Buffer::from_opaque_fd`), where OpenCL lists cl_khr_external_memory_opaque_fd,
-//! Vulkan exports such memory, and both mean the same device by its UUID; kernels then run between an acquire
-//! and a release. No driver that the project has met lists that: what is tested is the choice, Vulkan's side,
-//! and that OpenCL's refuses. Where the probe fails, samples are copied, and `foveate devices` says why.
+//! it is shown, and writes the target itself. [`probe`] decides at start, by writing a pattern with one and
+//! reading it with the other, whether memory is shared. Devices that say they use the host's memory are given
+//! the mapping in place. Others import it from an opaque file descriptor (`HostBuffer::exported`,
+//! `Buffer::from_opaque_fd`), where OpenCL lists cl_khr_external_memory_opaque_fd, Vulkan exports such
+//! memory, and both mean the same device by its UUID; kernels then run between an acquire and a release. No
+//! driver that the project has met lists that: what is tested is the choice, Vulkan's side, and that OpenCL's
+//! refuses. Where the probe fails, samples are copied, and `foveate devices` says why.
 #![allow(unsafe_code)]
 
 use bytemuck::Pod;

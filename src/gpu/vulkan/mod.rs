@@ -29,7 +29,7 @@ pub use swapchain::{Presenting, Shown, Swapchain, Window, window_extensions};
 pub(crate) mod testing {
     //! A device under the validation layer, for tests.
 
-    use super::{Context, ContextOptions};
+    use super::{BufferRef, Commands, Context, ContextOptions, HostBuffer};
 
     /// A device with the validation layer; `None`, and a line that says so, where there is none. On
     /// machines that promise one (CI=true) that is a failure.
@@ -47,5 +47,16 @@ pub(crate) mod testing {
     /// Fails if the validation layer has found a fault.
     pub fn assert_valid(context: &Context) {
         assert_eq!(context.validation_messages(), Vec::<String>::new());
+    }
+
+    /// The first values of a buffer on the device.
+    pub fn fetch<T: bytemuck::Pod>(context: &Context, from: &BufferRef, count: usize) -> Vec<T> {
+        let to = HostBuffer::new(context, count * size_of::<T>()).unwrap();
+        let mut commands = Commands::new(context).unwrap();
+        commands.begin().unwrap();
+        commands.copy(from, &(&to).into(), count * size_of::<T>());
+        commands.submit().unwrap();
+        commands.wait().unwrap();
+        to.read(0, count)
     }
 }

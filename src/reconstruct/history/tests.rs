@@ -101,16 +101,6 @@ fn moves(x: u32, y: u32) -> bool {
     (x / 8 + y / 8).is_multiple_of(4)
 }
 
-fn fetch<T: Pod>(context: &Context, from: &BufferRef, count: usize) -> Vec<T> {
-    let to = HostBuffer::new(context, count * size_of::<T>()).unwrap();
-    let mut commands = Commands::new(context).unwrap();
-    commands.begin().unwrap();
-    commands.copy(from, &(&to).into(), count * size_of::<T>());
-    commands.submit().unwrap();
-    commands.wait().unwrap();
-    to.read(0, count)
-}
-
 /// Submits a frame of one eye; the records and histories that it leaves.
 fn submit(
     reconstruction: &mut Reconstruction,
@@ -146,7 +136,7 @@ fn submit(
     assert!(stages.starts_with(&["accumulate", "filter"]), "{stages:?}");
     let kept = reconstruction.views[eye].history.last.as_ref().unwrap();
     let (records_of, histories) = (&kept.buffers.records, &kept.buffers.histories);
-    (fetch(&context, records_of, records.len()), fetch(&context, histories, records.len()))
+    (testing::fetch(&context, records_of, records.len()), testing::fetch(&context, histories, records.len()))
 }
 
 #[test]

@@ -30,22 +30,12 @@ fn expected_weights(list: &[(u64, u32)], k: usize, weights: Weights) -> Vec<f64>
     all.iter().map(|w| if sum > 0.0 { w / sum } else { 1.0 / k as f64 }).collect()
 }
 
-fn fetch<T: Pod>(context: &Context, from: &BufferRef, count: usize) -> Vec<T> {
-    let to = HostBuffer::new(context, count * size_of::<T>()).unwrap();
-    let mut commands = Commands::new(context).unwrap();
-    commands.begin().unwrap();
-    commands.copy(from, &(&to).into(), count * size_of::<T>());
-    commands.submit().unwrap();
-    commands.wait().unwrap();
-    to.read(0, count)
-}
-
 fn check_pixels(context: &Context, tables: &Tables, weights: Weights, samples: &[u32]) {
     let k = tables.k as usize;
     for band in tables.bands() {
         let pixels = (tables.width * band.rows) as usize;
-        let indices: Vec<u32> = fetch(context, &band.indices, pixels * k);
-        let found: Vec<f32> = fetch(context, &band.weights, pixels * k);
+        let indices: Vec<u32> = testing::fetch(context, &band.indices, pixels * k);
+        let found: Vec<f32> = testing::fetch(context, &band.weights, pixels * k);
         for pixel in 0..pixels {
             let (x, y) = (pixel as u32 % tables.width, pixel as u32 / tables.width + band.first_row);
             let list = by_distance(x, y, samples);
@@ -62,7 +52,7 @@ fn check_pixels(context: &Context, tables: &Tables, weights: Weights, samples: &
 
 fn check_samples(context: &Context, tables: &Tables, samples: &[u32]) {
     let m = tables.neighbours as usize;
-    let nearest: Vec<u32> = fetch(context, tables.nearest().unwrap(), samples.len() * m);
+    let nearest: Vec<u32> = testing::fetch(context, tables.nearest().unwrap(), samples.len() * m);
     for (index, &packed) in samples.iter().enumerate() {
         let list = by_distance(packed & 0xffff, packed >> 16, samples);
         for (j, neighbour) in list[..m].iter().enumerate() {
@@ -143,7 +133,7 @@ fn one_sample_serves_a_wide_view_in_bands() {
     assert_eq!(rows, height);
     for band in tables.bands() {
         assert!(u64::from(band.rows) * 8192 * 16 <= context.storage_range());
-        let weights: Vec<f32> = fetch(&context, &band.weights, 8192 * band.rows as usize);
+        let weights: Vec<f32> = testing::fetch(&context, &band.weights, 8192 * band.rows as usize);
         assert!(weights.iter().all(|&weight| weight == 1.0));
     }
     testing::assert_valid(&context);
