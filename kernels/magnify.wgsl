@@ -49,10 +49,6 @@ fn traced_point(point: vec3<f32>) -> vec2<f32> {
     return point_of_view(vec2(dot(warp[0].x.xyz, point), dot(warp[0].y.xyz, point)) / ahead - 0.5);
 }
 
-fn unmoved(at: vec2<f32>) -> vec2<f32> {
-    return point_of_view(at);
-}
-
 fn view_spacing() -> Spacing {
     return warp[0].spacing;
 }
@@ -75,13 +71,18 @@ fn radiance_at(at: vec2<f32>) -> vec3<f32> {
     return mix(upper, lower, part.y);
 }
 
-fn picture_pixel(position: vec4<f32>) -> vec2<f32> {
-    return vec2<f32>(vec2<i32>(position.xy) + vec2(parameters.shift_x, parameters.shift_y));
+// The point of the view that a pixel of the target shows.
+fn shown_point(position: vec4<f32>) -> vec2<f32> {
+    let at = vec2<f32>(vec2<i32>(position.xy) + vec2(parameters.shift_x, parameters.shift_y));
+    if is_moved() {
+        return warped(at);
+    }
+    return point_of_view(at);
 }
 
 @fragment
 fn magnified(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    return color_at(warped(picture_pixel(position)));
+    return color_at(shown_point(position));
 }
 
 fn color_at(at: vec2<f32>) -> vec4<f32> {
@@ -95,6 +96,6 @@ fn color_at(at: vec2<f32>) -> vec4<f32> {
 
 @fragment
 fn magnified_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
-    let at = warped(picture_pixel(position));
+    let at = shown_point(position);
     return PixelWithDepth(color_at(at), shown_depth(at));
 }

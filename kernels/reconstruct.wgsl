@@ -74,10 +74,6 @@ fn traced_point(point: vec3<f32>) -> vec2<f32> {
     return floor(clamp(at, first, last));
 }
 
-fn unmoved(at: vec2<f32>) -> vec2<f32> {
-    return at;
-}
-
 fn view_spacing() -> Spacing {
     return spacing;
 }
@@ -86,11 +82,20 @@ fn depth_near(at: vec2<f32>) -> f32 {
     return visibility[place_in_band(vec2<u32>(at))].depth;
 }
 
+// The pixel of the view that one of the target shows.
+fn shown_pixel(position: vec4<f32>) -> vec2<u32> {
+    let at = view_pixel(position);
+    if is_moved() {
+        return vec2<u32>(warped(vec2<f32>(at)));
+    }
+    return at;
+}
+
 @fragment
 fn k_nearest(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     var at = view_pixel(position);
     // No depths are known here: only turns are corrected.
-    if warp[0].offset.w != 0.0 {
+    if is_moved() {
         at = vec2<u32>(traced_point(shown_direction(vec2<f32>(at))));
     }
     let pixel = place_in_band(at);
@@ -229,7 +234,7 @@ fn edge_of(normal: u32) -> Edge {
 
 @fragment
 fn guided(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
-    let at = vec2<u32>(warped(vec2<f32>(view_pixel(position))));
+    let at = shown_pixel(position);
     return overlaid(encode(guided_color(at)), vec2<f32>(at), is_sampled(at));
 }
 
@@ -245,7 +250,7 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
 
 @fragment
 fn guided_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
-    let at = vec2<u32>(warped(vec2<f32>(view_pixel(position))));
+    let at = shown_pixel(position);
     let color = overlaid(encode(guided_color(at)), vec2<f32>(at), is_sampled(at));
     return PixelWithDepth(color, shown_depth(vec2<f32>(at)));
 }

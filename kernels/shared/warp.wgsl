@@ -17,8 +17,11 @@ struct Warp {
 // - `view_spacing()`, how far apart the view's pixels are;
 // - `traced_point(point)`, the point of the view, in pixels from the centre of the first one, in which a point relative
 //   to the traced eye is seen; the nearest one where it is seen in none;
-// - `unmoved(at)`, the same for a point of the picture where nothing has moved;
 // - `depth_near(at)`, what the view's pixel there sees, in metres, and 0 where that is the sky.
+
+fn is_moved() -> bool {
+    return warp[0].offset.w != 0.0;
+}
 
 // The direction of a point of the picture as shown.
 fn shown_direction(at: vec2<f32>) -> vec3<f32> {
@@ -38,11 +41,8 @@ const WARP_STEPS = 3;
 
 // The point of the view that a point of the picture as shown sees. The depth along its ray is not known; what
 // is known is the depth of each traced pixel, so a fixed point is looked for (Bowles et al. 2012,
-// "Iterative image warping"), from infinitely far away on.
+// "Iterative image warping"), from infinitely far away on. For eyes that have moved: `is_moved`.
 fn warped(at: vec2<f32>) -> vec2<f32> {
-    if warp[0].offset.w == 0.0 {
-        return unmoved(at);
-    }
     let direction = shown_direction(at);
     var found = traced_point(direction);
     for (var step = 0; step < WARP_STEPS; step++) {
