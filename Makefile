@@ -95,6 +95,11 @@ dist: ## Build a tar.gz and a .deb for other machines into out/dist
 	@$(need_cargo)
 	scripts/dist.sh
 
+.PHONY: dist-windows
+dist-windows: ## Pack foveate.exe, OpenXR's loader and what belongs to them into a zip in out/dist
+	@$(need_cargo)
+	scripts/dist-windows.sh
+
 .PHONY: test-faults
 test-faults: ## Kill it at renames, fill disks, take memory away, lose devices and runtimes; ARGS=renames chooses among the first
 	@$(need_cargo)

@@ -140,6 +140,30 @@ headset() {
   else
     fail "clock: the runtime's was not asked for"
   fi
+  keys
+}
+
+# Escape, typed into a console once some frames are shown, has to end a run that has no other end.
+keys() {
+  command -v script >/dev/null || { not_run "keys: script is missing; apt install bsdutils brings it"; return 0; }
+  rm -f "$out/openxr.jsonl"
+  local line="cd '$out' && '$wine' program/foveate.exe run town.glb --samples 300 --rays 1" code=0
+  {
+    for _ in $(seq 120); do
+      if [[ $(grep -c '"xrEndFrame"' "$out/openxr.jsonl" 2>/dev/null) -ge 4 ]]; then break; fi
+      sleep 0.5
+    done
+    sleep 1
+    printf '\033'
+    # Until the program has ended: a terminal that is closed would end it too.
+    for _ in $(seq 60); do if [[ -e $out/keys.done ]]; then break; fi; sleep 0.5; done
+  } | { timeout 120 script -qec "$line" /dev/null >"$out/keys.txt" 2>&1 || code=$?; echo "$code" >"$out/keys.done"; }
+  code=$(<"$out/keys.done")
+  if [[ ($code == 0 || $code == 131) ]] && grep -q 'xrEndSession' "$out/openxr.jsonl" && said keys | grep -q ' frames'; then
+    ok "keys: Escape in the console ends the run"
+  else
+    fail "keys: Escape in the console does not end the run (out/test-windows/keys.txt; code $code)"
+  fi
 }
 if scripts/openxr-loader.sh "$program" 2>"$out/loader.err"; then headset; else not_run "run: $(cat "$out/loader.err")"; fi
 

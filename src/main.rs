@@ -61,6 +61,12 @@ fn end_at_once(code: i32) -> ! {
     unsafe {
         nix::libc::_exit(code);
     }
+    #[cfg(windows)]
+    // SAFETY: as above; the process' own handle is not to be closed.
+    unsafe {
+        use windows_sys::Win32::System::Threading::{GetCurrentProcess, TerminateProcess};
+        TerminateProcess(GetCurrentProcess(), code as u32);
+    }
     #[cfg(not(unix))]
     std::process::exit(code);
 }

@@ -190,7 +190,7 @@ fn take_up(received: &Receiver<Received>, mut writer: Option<&mut Writer>) -> Re
 /// Before its first report a tracker may be missing for good.
 fn give_up(tracker: &Tracker, waited: Duration) -> Result<()> {
     let patience = match tracker.snapshot().status {
-        Status::Denied(_) | Status::Failed(_) => Duration::ZERO,
+        Status::Denied(_) | Status::Failed(_) | Status::Unlisted(_) => Duration::ZERO,
         Status::Absent => PATIENCE,
         Status::Silent | Status::Connected => LONG_PATIENCE,
     };

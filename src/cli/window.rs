@@ -175,7 +175,7 @@ fn await_tracker(tracker: &Tracker, stop: &AtomicBool) {
             Status::Silent | Status::Connected => PATIENCE,
             // Looked for since before the scene was loaded; a short one loads faster than USB answers.
             Status::Absent => Duration::from_millis(500),
-            Status::Denied(_) | Status::Failed(_) => Duration::ZERO,
+            Status::Denied(_) | Status::Failed(_) | Status::Unlisted(_) => Duration::ZERO,
         };
         if begun.elapsed() >= patience {
             break;

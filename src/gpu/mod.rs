@@ -1,6 +1,6 @@
 //! The machine's compute and graphics devices, behind safe interfaces.
 
-pub mod descriptor;
+pub mod handle;
 pub mod interop;
 pub mod opencl;
 pub mod vulkan;

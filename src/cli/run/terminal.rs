@@ -2,9 +2,13 @@
 //! wears the headset over a known keyboard.
 //!
 //! Only line editing and echo are switched off: Ctrl-C still interrupts, and lines still end where they end.
-//! Elsewhere than on Unix there is none.
+//! On Windows the console is asked for its keys, which become what a terminal would send.
 
 use std::time::Instant;
+
+#[cfg(windows)]
+#[path = "terminal/console.rs"]
+mod system;
 
 use super::keys::Pressed;
 use crate::headset::Keys;
@@ -84,17 +88,4 @@ mod system {
             let _ = tcsetattr(stdin(), SetArg::TCSANOW, &before);
         }
     }
-}
-
-#[cfg(not(unix))]
-mod system {
-    pub fn listen() -> bool {
-        false
-    }
-
-    pub fn typed() -> Vec<u8> {
-        Vec::new()
-    }
-
-    pub fn restore() {}
 }

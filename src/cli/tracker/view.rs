@@ -73,7 +73,7 @@ fn status(status: &Status) -> String {
     match status {
         Status::Absent => "not plugged in; waiting".to_string(),
         Status::Denied(path) => format!("may not be opened: {path}"),
-        Status::Failed(why) => why.clone(),
+        Status::Failed(why) | Status::Unlisted(why) => why.clone(),
         Status::Connected => "connected".to_string(),
         Status::Silent => "silent".to_string(),
     }

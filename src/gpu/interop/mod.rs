@@ -16,16 +16,18 @@
 //! At 1280x800 with 55,000 samples this is 2.6 MB and 28.7 MB. No picture crosses: reconstruction runs where
 //! it is shown, and writes the target itself. [`probe`] decides at start, by writing a pattern with one and
 //! reading it with the other, whether memory is shared. Devices that say they use the host's memory are given
-//! the mapping in place. Others import it from an opaque file descriptor (`HostBuffer::exported`,
-//! `Buffer::from_opaque_fd`), where OpenCL lists cl_khr_external_memory_opaque_fd, Vulkan exports such
-//! memory, and both mean the same device by its UUID; kernels then run between an acquire and a release. No
-//! driver that the project has met lists that: what is tested is the choice, Vulkan's side, and that OpenCL's
-//! refuses. Where the probe fails, samples are copied, and `foveate devices` says why.
+//! the mapping in place. Others import it by an opaque handle (`HostBuffer::exported`, `Buffer::from_handle`;
+//! `src/gpu/handle.rs` has what each system calls it), where OpenCL lists cl_khr_external_memory_opaque_fd or
+//! on Windows cl_khr_external_memory_win32, Vulkan exports such memory, and both mean the same device by its
+//! UUID; kernels then run between an acquire and a release. No driver that the project has met lists that:
+//! what is tested is the choice, on Unix Vulkan's side, and that OpenCL's refuses; Windows' handles are
+//! compiled and no more. Where the probe fails, samples are copied, and `foveate devices` says why.
 #![allow(unsafe_code)]
 
 use bytemuck::Pod;
 
-use super::opencl::{Arg, Buffer, Device, OPAQUE_FD, Program};
+use super::handle::OPENCL_EXTENSION;
+use super::opencl::{Arg, Buffer, Device, Program};
 use super::vulkan::{BufferRef, Commands, Context, HostBuffer};
 use crate::error::Result;
 
@@ -53,15 +55,15 @@ impl std::fmt::Display for Sharing {
 enum Way {
     /// It uses the mapping in place.
     HostMemory,
-    /// It imports a descriptor of it.
-    OpaqueFd,
+    /// It imports a handle of it.
+    Handle,
 }
 
 /// What both sides say of themselves.
 struct Facts {
     uses_host_memory: bool,
-    imports_fd: bool,
-    exports_fd: bool,
+    imports_memory: bool,
+    exports_memory: bool,
     is_one_device: bool,
 }
 
@@ -71,8 +73,8 @@ impl Facts {
         let uuid: String = report.uuid.iter().map(|byte| format!("{byte:02x}")).collect();
         Facts {
             uses_host_memory: info.host_unified,
-            imports_fd: info.external_memory.iter().any(|name| name == OPAQUE_FD),
-            exports_fd: report.exports_fd,
+            imports_memory: info.external_memory.iter().any(|name| name == OPENCL_EXTENSION),
+            exports_memory: report.exports_memory,
             is_one_device: info.uuid.as_ref() == Some(&uuid),
         }
     }
@@ -83,10 +85,10 @@ impl Facts {
     fn way(&self) -> std::result::Result<Way, &'static str> {
         match self {
             Facts { uses_host_memory: true, .. } => Ok(Way::HostMemory),
-            Facts { imports_fd: false, .. } => Err("OpenCL's driver imports no memory by opaque descriptors"),
-            Facts { exports_fd: false, .. } => Err("Vulkan's driver exports no memory by opaque descriptors"),
+            Facts { imports_memory: false, .. } => Err("OpenCL's driver imports no memory by opaque handles"),
+            Facts { exports_memory: false, .. } => Err("Vulkan's driver exports no memory by opaque handles"),
             Facts { is_one_device: false, .. } => Err("OpenCL and Vulkan use different devices"),
-            _ => Ok(Way::OpaqueFd),
+            _ => Ok(Way::Handle),
         }
     }
 }
@@ -118,11 +120,11 @@ impl<T: Pod> Shared<T> {
                 let opencl = unsafe { Buffer::from_host_memory(device, host.as_ptr().cast(), len) }?;
                 (host, Some(opencl))
             }
-            Some((device, Way::OpaqueFd)) => {
-                let (host, fd) = HostBuffer::exported(context, size)?;
+            Some((device, Way::Handle)) => {
+                let (host, handle) = HostBuffer::exported(context, size)?;
                 // SAFETY: the memory is at least that long; Vulkan and the host read it only after the device
                 // has released it and finished.
-                let opencl = unsafe { Buffer::from_opaque_fd(device, fd, len) }?;
+                let opencl = unsafe { Buffer::from_handle(device, handle, len) }?;
                 (host, Some(opencl))
             }
         };
@@ -192,7 +194,7 @@ pub fn explain(device: &Device, context: &Context) -> (Sharing, String) {
     };
     let what = match way {
         Way::HostMemory => "in the host's memory",
-        Way::OpaqueFd => "in memory that Vulkan exports and OpenCL imports",
+        Way::Handle => "in memory that Vulkan exports and OpenCL imports",
     };
     for seed in 1..=2 {
         match sees_the_same(device, context, seed) {
@@ -237,13 +239,17 @@ mod tests {
 
     #[test]
     fn extensions_and_identity_decide_what_is_tried() {
-        let all =
-            || Facts { uses_host_memory: false, imports_fd: true, exports_fd: true, is_one_device: true };
-        assert_eq!(all().way(), Ok(Way::OpaqueFd));
+        let all = || Facts {
+            uses_host_memory: false,
+            imports_memory: true,
+            exports_memory: true,
+            is_one_device: true,
+        };
+        assert_eq!(all().way(), Ok(Way::Handle));
         assert_eq!(Facts { uses_host_memory: true, ..all() }.way(), Ok(Way::HostMemory));
         for (facts, why) in [
-            (Facts { imports_fd: false, ..all() }, "imports"),
-            (Facts { exports_fd: false, ..all() }, "exports"),
+            (Facts { imports_memory: false, ..all() }, "imports"),
+            (Facts { exports_memory: false, ..all() }, "exports"),
             (Facts { is_one_device: false, ..all() }, "different"),
         ] {
             assert!(facts.way().unwrap_err().contains(why));
@@ -255,19 +261,20 @@ mod tests {
     fn a_driver_that_imports_nothing_refuses_what_vulkan_exports() {
         let Some(context) = vulkan::testing::context() else { return };
         let infos = opencl::device::list();
-        let imports = |info: &&opencl::DeviceInfo| info.external_memory.iter().any(|name| name == OPAQUE_FD);
+        let imports =
+            |info: &&opencl::DeviceInfo| info.external_memory.iter().any(|name| name == OPENCL_EXTENSION);
         let Some(info) = infos.iter().find(|info| info.unusable.is_none() && !imports(info)) else {
             println!("not run: there is no OpenCL device that imports nothing");
             return;
         };
-        let Ok((_memory, fd)) = HostBuffer::exported(&context, 4096) else {
+        let Ok((_memory, handle)) = HostBuffer::exported(&context, 4096) else {
             println!("not run: {} exports no memory", context.report().name);
             return;
         };
         let device = Device::open(info).unwrap();
         // SAFETY: the memory holds 1024 numbers, and nobody else uses it.
-        let refused = unsafe { Buffer::<u32>::from_opaque_fd(&device, fd, 1024) };
-        assert!(refused.unwrap_err().to_string().contains("file descriptors"));
+        let refused = unsafe { Buffer::<u32>::from_handle(&device, handle, 1024) };
+        assert!(refused.unwrap_err().to_string().contains("opaque handles"));
         let (sharing, why) = explain(&device, &context);
         println!("{sharing}: {why}");
         assert!(!why.is_empty());

@@ -8,9 +8,9 @@ use bytemuck::Pod;
 use cl3::types::cl_mem;
 
 use super::Device;
-use super::external::{Handover, OPAQUE_FD};
+use super::external::Handover;
 use crate::error::Result;
-use crate::gpu::descriptor::{FromRawFd, IntoRawFd, OwnedFd};
+use crate::gpu::handle::{self, Handle, OPENCL_EXTENSION, OPENCL_TYPE};
 
 /// A buffer of `len` elements of `T`; released when dropped.
 #[derive(Debug)]
@@ -58,25 +58,23 @@ impl<T: Pod> Buffer<T> {
         Self::create(device, flags, len, host.cast())
     }
 
-    /// A buffer at the start of memory that another API has exported as an opaque file descriptor. Kernels may use
+    /// A buffer at the start of memory that another API has exported by an opaque handle. Kernels may use
     /// it between [`Buffer::acquire`] and [`Buffer::release`].
     ///
     /// # Errors
-    /// [`crate::Error::Device`] where the device does not list [`OPAQUE_FD`], or refuses the memory.
+    /// [`crate::Error::Device`] where the device does not list [`OPENCL_EXTENSION`], or refuses the memory.
     ///
     /// # Safety
     /// The memory must hold `len` elements, and nobody else may touch them while the device has acquired them.
-    pub unsafe fn from_opaque_fd(device: &Device, fd: OwnedFd, len: usize) -> Result<Self> {
+    pub unsafe fn from_handle(device: &Device, handle: Handle, len: usize) -> Result<Self> {
         const CL_INVALID_OPERATION: i32 = -59;
-        const HANDLE_OPAQUE_FD: u64 = 0x2060;
         const DEVICE_LIST: u64 = 0x2051;
-        if !device.info().external_memory.iter().any(|name| name == OPAQUE_FD) {
-            return Err(device.failed("imports no memory by file descriptors", CL_INVALID_OPERATION));
+        if !device.info().external_memory.iter().any(|name| name == OPENCL_EXTENSION) {
+            return Err(device.failed("imports no memory by opaque handles", CL_INVALID_OPERATION));
         }
         let handover = Handover::of(device)?;
-        let fd = fd.into_raw_fd();
         // Both lists end with zero.
-        let properties = [HANDLE_OPAQUE_FD, fd as u64, DEVICE_LIST, device.id() as u64, 0, 0];
+        let properties = [OPENCL_TYPE, handle::number(&handle), DEVICE_LIST, device.id() as u64, 0, 0];
         // SAFETY: the properties are a list of pairs with its end, and there is no host memory.
         let made = unsafe {
             cl3::memory::create_buffer_with_properties(
@@ -87,11 +85,9 @@ impl<T: Pod> Buffer<T> {
                 std::ptr::null_mut(),
             )
         };
-        let memory = made.map_err(|error| {
-            // SAFETY: a descriptor that was not imported is still ours, and is closed here.
-            drop(unsafe { OwnedFd::from_raw_fd(fd) });
-            device.failed("refuses shared memory", error)
-        })?;
+        // A handle that was not imported is still ours, and is closed.
+        let memory = made.map_err(|error| device.failed("refuses shared memory", error))?;
+        handle::imported(handle);
         let handover = Some(handover);
         Ok(Buffer { device: device.clone(), memory, len, element: PhantomData, handover })
     }

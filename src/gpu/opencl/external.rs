@@ -1,4 +1,4 @@
-//! Memory of other APIs, as cl_khr_external_memory_opaque_fd brings it in.
+//! Memory of other APIs, as cl_khr_external_memory_opaque_fd and cl_khr_external_memory_win32 bring it in.
 #![allow(unsafe_code)]
 
 use std::ffi::{CStr, c_void};
@@ -7,9 +7,6 @@ use cl3::types::{cl_command_queue, cl_event, cl_mem};
 
 use super::Device;
 use crate::error::Result;
-
-/// The extension that a device must list.
-pub const OPAQUE_FD: &str = "cl_khr_external_memory_opaque_fd";
 
 /// clEnqueueAcquireExternalMemObjectsKHR, and clEnqueueReleaseExternalMemObjectsKHR.
 type Enqueue =

@@ -12,7 +12,6 @@ pub mod program;
 
 pub use buffer::Buffer;
 pub use device::{Device, DeviceInfo};
-pub use external::OPAQUE_FD;
 pub use kernel::{Arg, Event, Kernel};
 pub use missing::why_none;
 pub use program::Program;

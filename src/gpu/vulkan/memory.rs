@@ -9,7 +9,7 @@ use bytemuck::Pod;
 
 use super::context::{Context, lock};
 use crate::error::{Error, Result};
-use crate::gpu::descriptor::{FromRawFd, OwnedFd};
+use crate::gpu::handle::{self, Handle, VULKAN_TYPE};
 
 /// Alignment of every [`HostBuffer`]'s address: a page, which OpenCL implementations ask for to use
 /// memory in place.
@@ -57,7 +57,7 @@ enum Reach {
     Device,
     /// The host, from a page boundary on.
     Host,
-    /// The host, and other APIs by a file descriptor: the buffer starts where the memory does.
+    /// The host, and other APIs by a handle: the buffer starts where the memory does.
     Exported,
 }
 
@@ -67,7 +67,7 @@ impl Allocation {
         let device = &context.0.device;
         let size = size.max(16).next_multiple_of(16);
         let exported = reach == Reach::Exported;
-        let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(OPAQUE_FD);
+        let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(VULKAN_TYPE);
         let mut info = vk::BufferCreateInfo::default().size(size).usage(STORAGE);
         if exported {
             info = info.push_next(&mut external);
@@ -141,8 +141,6 @@ impl Allocation {
     }
 }
 
-const OPAQUE_FD: vk::ExternalMemoryHandleTypeFlags = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
-
 pub(super) fn allocate(
     context: &Context,
     size: u64,
@@ -166,7 +164,7 @@ fn allocate_for(
     };
     let mut code = vk::Result::ERROR_FEATURE_NOT_PRESENT;
     for kind in wishes.iter().filter_map(find) {
-        let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(OPAQUE_FD);
+        let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(VULKAN_TYPE);
         let mut info = vk::MemoryAllocateInfo::default().allocation_size(size).memory_type_index(kind as u32);
         if exported {
             info = info.push_next(&mut export);
@@ -207,30 +205,26 @@ impl HostBuffer {
     }
 
     /// A buffer that other APIs can use too, on the device's own memory where the host reaches that, and a
-    /// descriptor of its memory. Its address has no alignment of note.
+    /// handle of its memory. Its address has no alignment of note.
     ///
     /// # Errors
     /// [`Error::Device`] where the device exports no such memory, or has not enough of it.
-    pub fn exported(context: &Context, size: usize) -> Result<(Self, OwnedFd)> {
-        if !context.report().exports_fd || !exports_storage(context) {
+    pub fn exported(context: &Context, size: usize) -> Result<(Self, Handle)> {
+        if !context.report().exports_memory || !exports_storage(context) {
             return Err(context.refused("exporting memory", vk::Result::ERROR_FEATURE_NOT_PRESENT));
         }
         let base = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
         let wishes =
             [base | vk::MemoryPropertyFlags::DEVICE_LOCAL, base | vk::MemoryPropertyFlags::HOST_CACHED, base];
         let allocation = Allocation::new(context, size as u64, &wishes, Reach::Exported)?;
-        let functions = ash::khr::external_memory_fd::Device::new(&context.0.instance, &context.0.device);
-        let info = vk::MemoryGetFdInfoKHR::default().memory(allocation.memory).handle_type(OPAQUE_FD);
         // SAFETY: the memory was allocated for export as this kind of handle, and the extension is enabled
         // wherever it is listed.
-        let fd = unsafe { functions.get_memory_fd(&info) }
+        let handle = unsafe { handle::export(&context.0.instance, &context.0.device, allocation.memory) }
             .map_err(|code| context.refused("exporting memory", code))?;
-        // SAFETY: Vulkan hands the descriptor over to the caller.
-        let fd = unsafe { OwnedFd::from_raw_fd(fd) };
         let buffer = HostBuffer(Arc::new(allocation));
         // SAFETY: the mapping holds the buffer's bytes, and no one else has it yet.
         unsafe { buffer.as_ptr().write_bytes(0, buffer.len()) };
-        Ok((buffer, fd))
+        Ok((buffer, handle))
     }
 
     /// Bytes: at least those asked for.
@@ -307,9 +301,9 @@ impl HostBuffer {
     }
 }
 
-/// Whether storage buffers can be exported as opaque descriptors, without an allocation of a kind of its own.
+/// Whether storage buffers can be exported as opaque handles, without an allocation of a kind of its own.
 fn exports_storage(context: &Context) -> bool {
-    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(STORAGE).handle_type(OPAQUE_FD);
+    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(STORAGE).handle_type(VULKAN_TYPE);
     let mut found = vk::ExternalBufferProperties::default();
     // SAFETY: the physical device belongs to the instance, which offers Vulkan 1.1.
     unsafe {

@@ -69,6 +69,8 @@ pub enum Status {
     /// None is plugged in.
     #[default]
     Absent,
+    /// The system does not tell what is plugged in; why, and the next step.
+    Unlisted(String),
     /// One is there, and the user may not open it; its path.
     Denied(String),
     /// One is there and does not do what it should; why.
@@ -283,6 +285,12 @@ fn problem(status: &Status) -> Option<Error> {
                 "no Oculus Rift DK1 tracker (USB 2833:0001, made by Oculus VR) is plugged in; plug in the \
                       headset's USB cable, and its power supply"
                     .to_string(),
+        }),
+        Status::Unlisted(why) => Some(Error::NoDevice { kind: "HID", problem: why.clone() }),
+        Status::Denied(path) if cfg!(windows) => Some(Error::Device {
+            device: device(path),
+            problem: "another program has it to itself; end that (Oculus' own service, for instance)"
+                .to_string(),
         }),
         Status::Denied(path) => Some(Error::Device {
             device: device(path),

@@ -9,6 +9,7 @@ use ash::vk;
 use super::ContextOptions;
 use super::opening::{create_instance, load, no_device};
 use crate::error::Result;
+use crate::gpu::handle;
 
 /// What a device is, in the order in which they are preferred.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -50,8 +51,8 @@ pub struct DeviceReport {
     pub uuid: [u8; 16],
     /// Whether memory of the host can be imported (VK_EXT_external_memory_host).
     pub imports_host_memory: bool,
-    /// Whether memory can be exported as file descriptors (VK_KHR_external_memory_fd).
-    pub exports_fd: bool,
+    /// Whether memory can be exported by opaque handles (VK_KHR_external_memory_fd, on Windows _win32).
+    pub exports_memory: bool,
     /// Why it cannot be used; `None` if it can.
     pub unusable: Option<String>,
 }
@@ -83,7 +84,7 @@ pub fn queue_family(instance: &ash::Instance, device: vk::PhysicalDevice) -> Opt
 
 /// The extensions to enable on a device, of those it offers, so that its memory can be shared.
 pub fn sharing_extensions(instance: &ash::Instance, device: vk::PhysicalDevice) -> Vec<&'static CStr> {
-    let wanted = [ash::ext::external_memory_host::NAME, ash::khr::external_memory_fd::NAME];
+    let wanted = [ash::ext::external_memory_host::NAME, handle::VULKAN_EXTENSION];
     let offered = extensions_of(instance, device);
     wanted.into_iter().filter(|name| offered.contains(*name)).collect()
 }
@@ -129,7 +130,7 @@ pub(super) fn report(
         ),
         uuid: ids.device_uuid,
         imports_host_memory: extensions.contains(ash::ext::external_memory_host::NAME),
-        exports_fd: extensions.contains(ash::khr::external_memory_fd::NAME),
+        exports_memory: extensions.contains(handle::VULKAN_EXTENSION),
         unusable,
     }
 }

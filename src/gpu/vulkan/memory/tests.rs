@@ -27,17 +27,17 @@ fn bytes_go_to_the_device_and_back() {
 /// Another allocation that imports the descriptor is the same memory: what one writes, the other reads.
 #[test]
 fn exported_memory_is_the_same_memory_elsewhere() {
-    use crate::gpu::descriptor::IntoRawFd;
+    use std::os::fd::IntoRawFd;
     let Some(context) = testing::context() else { return };
     let Ok((buffer, fd)) = HostBuffer::exported(&context, 20_000) else {
-        assert!(!context.report().exports_fd || !exports_storage(&context), "it says that it can");
+        assert!(!context.report().exports_memory || !exports_storage(&context), "it says that it can");
         println!("not run: {} exports no memory", context.report().name);
         return;
     };
     let values: Vec<u32> = (0..5000u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
     buffer.write(0, &values);
     let device = &context.0.device;
-    let mut import = vk::ImportMemoryFdInfoKHR::default().handle_type(OPAQUE_FD).fd(fd.into_raw_fd());
+    let mut import = vk::ImportMemoryFdInfoKHR::default().handle_type(VULKAN_TYPE).fd(fd.into_raw_fd());
     // SAFETY: the buffer was made by this device; the import has the size and the type of the exported
     // memory, and is freed after its mapping was read.
     let read: Vec<u32> = unsafe {

@@ -27,6 +27,7 @@ impl Reader {
             let status = match self.bus.find() {
                 Ok(Some(path)) => self.use_tracker(&path),
                 Ok(None) => Status::Absent,
+                Err(Failure::Other(why)) => Status::Unlisted(why),
                 Err(failure) => failed(&failure, ""),
             };
             self.shared.lock().status = status;

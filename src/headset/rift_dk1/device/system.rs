@@ -19,7 +19,7 @@ impl SystemBus {
     fn api(&mut self) -> Result<&mut HidApi, Failure> {
         let api = match self.api.take() {
             Some(api) => api,
-            None => HidApi::new().map_err(other)?,
+            None => HidApi::new().map_err(unlisted)?,
         };
         Ok(self.api.insert(api))
     }
@@ -28,7 +28,7 @@ impl SystemBus {
 impl Bus for SystemBus {
     fn find(&mut self) -> Result<Option<CString>, Failure> {
         let api = self.api()?;
-        api.reset_devices().and_then(|()| api.add_devices(IDS.0, IDS.1)).map_err(other)?;
+        api.reset_devices().and_then(|()| api.add_devices(IDS.0, IDS.1)).map_err(unlisted)?;
         let found = api.device_list().find(|info| is_tracker(info));
         Ok(found.map(|info| info.path().to_owned()))
     }
@@ -57,6 +57,13 @@ fn is_tracker(info: &DeviceInfo) -> bool {
 fn is_denied(path: &CString) -> bool {
     let opened = path.to_str().map(|path| File::options().read(true).write(true).open(path));
     matches!(opened, Ok(Err(error)) if error.kind() == ErrorKind::PermissionDenied)
+}
+
+/// Nothing is known of trackers then, so that plugging one in again is no help.
+fn unlisted(error: HidError) -> Failure {
+    Failure::Other(format!(
+        "the system does not list its HID devices ({error}); see whether other programs find any, and restart the system"
+    ))
 }
 
 fn other(error: HidError) -> Failure {

@@ -25,6 +25,7 @@ struct FakeDk1 {
     /// What SET_REPORT set, by id.
     set: Vec<u8>,
     quiet: bool,
+    unlisted: bool,
     short_answers: bool,
     stream: Option<Stream>,
 }
@@ -40,6 +41,9 @@ fn gone() -> Failure {
 
 impl Bus for FakeBus {
     fn find(&mut self) -> std::result::Result<Option<CString>, Failure> {
+        if self.0.lock().unwrap().unlisted {
+            return Err(Failure::Other("devices are not listed; restart".to_string()));
+        }
         Ok(self.0.lock().unwrap().plugged.then(|| CString::new("/dev/hidraw7").unwrap()))
     }
 
@@ -178,6 +182,19 @@ fn a_silent_tracker_is_set_up_again() {
     dk1.lock().unwrap().set.clear();
     until(|| dk1.lock().unwrap().set.contains(&Configuration::ID));
     dk1.lock().unwrap().quiet = false;
+    until(|| tracker.snapshot().status == Status::Connected);
+}
+
+/// Nobody is asked to plug in again what the system does not look for.
+#[test]
+fn a_system_that_lists_nothing_is_said_to() {
+    let dk1 = dk1();
+    dk1.lock().unwrap().unlisted = true;
+    let tracker = start(&dk1, None);
+    until(|| matches!(tracker.snapshot().status, Status::Unlisted(_)));
+    let problem = tracker.problem().unwrap().to_string();
+    assert!(problem.ends_with("devices are not listed; restart"), "{problem}");
+    dk1.lock().unwrap().unlisted = false;
     until(|| tracker.snapshot().status == Status::Connected);
 }
 
