@@ -108,7 +108,7 @@ __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_vi
     uint item = get_global_id(0);
     if (item >= info.paths || count == 0u)
         return;
-    Cache cache = {keys, cells, sums, load3(camera.origin), info.least};
+    Cache cache = {keys, cells, sums, load3(camera.origin), info.least, info.most};
     // One of each run of samples, so that all parts of the view have their share.
     uint seed = hash(item ^ hash(info.frame ^ 0x2545f491u));
     uint index = min((uint)(((ulong)item * count + (ulong)(fraction(seed) * (float)count)) / info.paths), count - 1u), at = samples[index];

@@ -204,10 +204,13 @@ static float3 light_of_surface(const Scene *scene, const Shading *shading, const
     float reflected = reflected_density(&sample->surface, m, sample->view, d) * looking_share(shading);
     float3 light = emission_met(scene, shading, &sample->surface, w->origin, d, place, t, reflected, m->emitters);
     uint chance = hash(sample->index * 32u + i + seed);
-    if (shading->bounces > 0u)
+    if (shading->bounces > 0u) {
         light += follow_path(scene, shading, w->origin, d, place, t, shading->bounces, chance, rays);
-    else if (shading->cached)
-        light += light_of_hit(scene, shading, cache, w->origin, d, place, t, sample->smooth >> i & 1u, chance, rays);
+    } else if (shading->cached) {
+        bool is_smooth = sample->smooth >> i & 1u;
+        float3 found = light_of_hit(scene, shading, cache, w->origin, d, place, t, is_smooth, chance, rays);
+        light += is_smooth ? found : without_spot(cache, found);
+    }
     return light * sample->indirect[i];
 }
 
@@ -398,7 +401,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     Scene scene = SCENE_ARGUMENTS;
     // A copy, since it is changed below: in PoCL, the work-items of a group share a structure that is an argument.
     Shading shading = asked;
-    Cache cache = {keys, cells, 0, load3(camera.origin), info.least};
+    Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
     uint2 range = share_of_item(count);
     uint n = range.y - range.x, rays = 0;
     TraversalState states[STREAMS];

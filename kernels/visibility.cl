@@ -7,11 +7,12 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
 }
 
 #if HAS_GLOSSY
-// What a mirror shows of a surface that it meets, about: the sky's light on it and the sun's. Asked where samples look for what surfaces send.
-static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, uint seed,
+// What a mirror shows of a surface that it meets, about: the sky's light on it and the sun's, as blurred as `wide` of the ray's
+// length. Asked where samples look for what surfaces send.
+static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, float wide, uint seed,
                              uint *rays)
 {
-    Surface s = surface_at(scene, place, origin, 0.0f, d, 0.01f * t);
+    Surface s = surface_at(scene, place, origin, 0.0f, d, wide * t);
     if (s.unlit)
         return s.emission;
     float3 light = glossy_radiance(scene, shading, s.normal, 1.0f) * s.occlusion;
@@ -30,6 +31,19 @@ static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 
            specular_scale(f0) * expected_reflection(scene, shading, s.normal, s.geometric, -d, r, s.roughness, f0);
 }
 
+// The middle of one of `count` equal shares of GGX's lobe: the same at each pixel, so that there is no noise.
+static float3 lobe_direction(float3 n, float3 g, float3 view, float roughness, uint i, uint count)
+{
+    float alpha = roughness * roughness, u = ((float)i + 0.5f) / (float)count;
+    float squared = alpha * alpha * u / (1.0f - u), cosine = rsqrt(1.0f + squared), sine = cosine * sqrt(squared);
+    float3 axis = fabs(n.y) < 0.9f ? (float3)(0.0f, 1.0f, 0.0f) : (float3)(1.0f, 0.0f, 0.0f);
+    float3 tangent = unit_or(cross(n, axis), n), across = cross(n, tangent);
+    // Around by golden angles.
+    float angle = (float)i * 2.3999632f;
+    float3 h = n * cosine + (tangent * cos(angle) + across * sin(angle)) * sine, l = h * (2.0f * dot3(h, view)) - view;
+    return l - g * (2.0f * min(dot3(l, g), 0.0f));
+}
+
 // What a pixel expects to mirror, from `origin` on a surface: see glossy.h.
 static float3 expected_at(const Scene *scene, const Shading *shading, float3 origin, float3 n, float3 g, float3 d, float roughness,
                           float3 f0, float occlusion, uint seed, uint *rays)
@@ -38,17 +52,24 @@ static float3 expected_at(const Scene *scene, const Shading *shading, float3 ori
     // Where the normals of vertices mirror into the surface itself, it is as if the surface mirrored that away.
     r -= g * (2.0f * min(dot3(r, g), 0.0f));
     float3 light = expected_reflection(scene, shading, n, g, -d, r, roughness, f0) * occlusion;
-    if (!is_mirror(n, -d, roughness, f0))
-        return light;
-    float t = INFINITY;
-    uint place;
-    ++*rays;
-    if (shading->bounces == 0u && !shading->cached)
-        return trace_ray(scene, origin, 0.0f, r, &t, &place, ANY, seed) ? 0.0f : light;
-    if (!trace_ray(scene, origin, 0.0f, r, &t, &place, CLOSEST_FRONT, seed))
+    uint count = mirror_rays(n, -d, roughness, f0);
+    bool finds = shading->bounces > 0u || shading->cached;
+    if (count == 0u || (count > 1u && !finds))
         return light;
     float2 white = white_reflection(roughness, max(dot3(n, -d), 1.0e-4f));
-    return seen_in_mirror(scene, shading, origin, r, place, t, seed, rays) * (f0 * white.x + white.y) / specular_scale(f0);
+    float3 by_white = (f0 * white.x + white.y) / specular_scale(f0), sum = 0.0f;
+    float wide = count > 1u ? 0.7f * roughness * roughness : 0.01f;
+    *rays += count;
+    for (uint i = 0; i < count; ++i) {
+        float3 l = count > 1u ? lobe_direction(n, g, -d, roughness, i, count) : r;
+        float t = INFINITY;
+        uint place;
+        if (!trace_ray(scene, origin, 0.0f, l, &t, &place, finds ? CLOSEST_FRONT : ANY, seed + i))
+            sum += count > 1u ? glossy_radiance(scene, shading, l, 0.5f * roughness) * by_white : light;
+        else if (finds)
+            sum += seen_in_mirror(scene, shading, origin, l, place, t, wide, seed, rays) * by_white;
+    }
+    return sum / (float)count;
 }
 #endif
 

@@ -28,7 +28,17 @@ typedef struct {
     __global CacheSum *sums;
     float3 eye;
     float least;
+    // See `without_spot`.
+    float most;
 } Cache;
+
+// Light that a ray has found, dimmed to no more than the cache's most: what a lamp lights from nearby is met so seldom that
+// it would be a bright spot in the picture instead of light.
+static float3 without_spot(const Cache *cache, float3 light)
+{
+    float bright = luminance(light);
+    return bright > cache->most ? light * (cache->most / bright) : light;
+}
 
 // log2 of the size of a cell at p.
 static int cell_level(const Cache *cache, float3 p)

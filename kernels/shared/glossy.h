@@ -57,14 +57,28 @@ static float3 expected_reflection(const Scene *scene, const Shading *shading, fl
     return glossy_radiance(scene, shading, d, roughness) * above * (f0 * white.x + white.y) / specular_scale(f0);
 }
 
+// What of white light from all around a surface reflects, at most, of any colour.
+static float mirror_strength(float3 n, float3 view, float3 f0)
+{
+    float m = 1.0f - clamp(dot3(n, view), 0.0f, 1.0f);
+    return max3(f0 + (1.0f - f0) * (m * m * m * m * m));
+}
+
 // Smoother than this, with so strong a reflection, a pixel sends a ray of its own to where it mirrors.
 #define MIRROR_ROUGHNESS 0.15f
 #define MIRROR_STRENGTH 0.06f
+// Smoother than this, with so strong a reflection, a few.
+#define LOBE_ROUGHNESS 0.4f
+#define LOBE_STRENGTH 0.25f
+#define LOBE_RAYS 4u
 
-static bool is_mirror(float3 n, float3 view, float roughness, float3 f0)
+// Rays that a pixel sends to where it mirrors.
+static uint mirror_rays(float3 n, float3 view, float roughness, float3 f0)
 {
-    float m = 1.0f - clamp(dot3(n, view), 0.0f, 1.0f), strength = max3(f0 + (1.0f - f0) * (m * m * m * m * m));
-    return strength * (1.0f - roughness / MIRROR_ROUGHNESS) > MIRROR_STRENGTH;
+    float strength = mirror_strength(n, view, f0);
+    if (strength * (1.0f - roughness / MIRROR_ROUGHNESS) > MIRROR_STRENGTH)
+        return 1u;
+    return strength * (1.0f - roughness / LOBE_ROUGHNESS) > LOBE_STRENGTH ? LOBE_RAYS : 0u;
 }
 #endif
 

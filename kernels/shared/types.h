@@ -164,6 +164,7 @@ typedef struct {
     uint paths;
     float least;
     float scale;
+    float most;
     float half_life;
     uint lifetime;
 } CacheInfo;

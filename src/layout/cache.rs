@@ -40,6 +40,8 @@ pub struct CacheInfo {
     pub least: f32,
     /// A radiance of the scene's order of magnitude.
     pub scale: f32,
+    /// The most radiance that rays may find on a surface; infinite where no sun shines.
+    pub most: f32,
     /// After so many frames samples count half as much.
     pub half_life: f32,
     /// After so many frames without a path a cell is given up.

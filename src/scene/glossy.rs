@@ -4,7 +4,8 @@
 //! maps, change faster than samples lie. So each pixel of a glossy material (`Material::is_glossy`) has an
 //! expectation of its own (`kernels/shared/glossy.h`): the environment, filtered once for eight roughnesses
 //! (`src/scene/glossy.rs`), in the direction that its mapped normal mirrors, times Karis's fit of the BRDF's
-//! integral; where the surface is smooth and reflects much, a ray finds out whether something hides it.
+//! integral; where the surface is smooth and reflects much, a ray finds out what it meets, and four do in the lobe of
+//! metals that are less smooth.
 //! Samples are traced as everywhere else. What is averaged between them is not their specular light but its
 //! ratio to what their own pixels expected, which each pixel multiplies with its own expectation: the ratio
 //! estimator of Heitz et al. 2018. It changes slowly, so it is averaged more widely than specular light by

@@ -2,12 +2,12 @@
 
 use foveate::foveation::Pattern;
 use foveate::math::view::View;
-use foveate::scene::{AlphaMode, Environment, Light, LightKind, Material, Scene};
+use foveate::scene::{AlphaMode, Environment, Light, LightKind, Material, Scene, Sun};
 use foveate::trace::{Settings, Traversal};
 use glam::{DVec3, Vec3};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device, view};
-use crate::scenes::{cuboid, matt, quad, scene_of};
+use crate::scenes::{cuboid, floor, matt, quad, scene_of};
 
 const GUIDED: Settings = Settings { guided: true, rays: 64, ..PLAIN };
 const CACHED: Settings = Settings { cached: true, ..GUIDED };
@@ -114,5 +114,41 @@ fn the_same_steps_make_the_same_cache() {
         };
         let traversal = Traversal::for_device(device);
         assert_eq!(filled(traversal), filled(traversal));
+    });
+}
+
+/// A wall beside a floor, lit by a lamp close to it, which a shelf hides from the floor.
+fn glaring_wall() -> Scene {
+    let both = |albedo| Material { double_sided: true, ..matt(albedo) };
+    let mut scene = scene_of(vec![both(0.5), both(0.5)]);
+    floor(&mut scene, 2.0, 0.0, 0);
+    let wall = |y: f32, z: f32| Vec3::new(1.0, y, z);
+    quad(&mut scene, [wall(0.0, -2.0), wall(3.0, -2.0), wall(3.0, 2.0), wall(0.0, 2.0)], 1);
+    let shelf = |x: f32, z: f32| Vec3::new(x, 0.98, z);
+    quad(&mut scene, [shelf(0.8, -2.0), shelf(1.0, -2.0), shelf(1.0, 2.0), shelf(0.8, 2.0)], 1);
+    scene.lights = vec![Light { intensity: Vec3::splat(200.0), ..lamp(Vec3::new(0.95, 1.0, 0.0)) }];
+    scene
+}
+
+/// By day what rays find of such a wall counts no more than white in the sun; at night it counts as it is.
+#[test]
+fn what_lamps_light_from_nearby_makes_no_spots_by_day() {
+    on_every_device(|device| {
+        let eye = view(DVec3::new(-1.6, 1.2, 0.0), DVec3::new(-0.4, 0.0, 0.0), 30.0, SIZE);
+        // White surfaces that face it have a radiance of 5.
+        let sun = Sun { direction: Vec3::Y, cos_radius: 0.9999, radiance: Vec3::splat(2.5e4) };
+        let brightest = |sun: Option<Sun>| {
+            let light = Environment { sun, ..dark() };
+            let mut bench =
+                Bench::walking(device, &glaring_wall(), &light, &EVERYTHING, Traversal::for_device(device));
+            let pattern = lit(&mut bench, &eye, 0..30);
+            let samples = bench.trace(&eye, &Settings { rays: 8, ..CACHED }, &pattern).samples;
+            samples.iter().flat_map(|sample| sample.first).fold(0.0, f32::max)
+        };
+        let (day, night) = (brightest(Some(sun)), brightest(None));
+        let moon = Sun { radiance: Vec3::splat(2.5e-3), ..sun };
+        let dim = brightest(Some(moon));
+        println!("brightest by day {day:.3}, at night {night:.3}, with a moon {dim:.3}");
+        assert!(day > 0.1 && day < 10.0 && night > 2.0 * day && dim > 2.0 * day, "{day} {night} {dim}");
     });
 }

@@ -365,3 +365,26 @@ fn pixels_expect_about_what_samples_find() {
         assert!(dark > 20 && dark < mirror.count(), "the mirror sees the block and the sky: {dark}");
     });
 }
+
+/// Metal that is not quite smooth mirrors what stands on it, blurred: pixels expect that too, where rays look for surfaces.
+#[test]
+fn pixels_of_rough_metal_expect_what_stands_on_it() {
+    on_every_device(|device| {
+        let mut scene = scene_of(vec![metal(Vec3::splat(0.9), 0.22), matt(0.1)]);
+        floor(&mut scene, 6.0, 0.0, 0);
+        cuboid(&mut scene, Vec3::new(-0.6, 0.0, -0.6), Vec3::new(0.6, 1.4, 0.0), 1);
+        let mut bench = Bench::new(device, &scene, &colourful());
+        let settings = Settings { rays: 256, guided: true, bounces: 1, ..PLAIN };
+        let picture = bench.trace(&eye(), &settings, &all_pixels(&eye()));
+        let is_floor = |sample: &&SampleRecord| sample.depth > 0.0 && sample.reflected > 1;
+        let (mut off, mut all, mut dark) = (0.0, 0.0, 0);
+        for sample in picture.samples.iter().filter(is_floor) {
+            let expected: f32 = unpack_emission(sample.reflected).iter().sum();
+            let found: f32 = sample.second.iter().sum();
+            (off, all) = (off + (expected - found).abs(), all + found);
+            dark += usize::from(found < 0.8);
+        }
+        println!("pixels are off by {:.3} of what samples find; {dark} mirror the block", off / all);
+        assert!(dark > 100 && off < 0.12 * all, "{} {dark}", off / all);
+    });
+}

@@ -205,6 +205,15 @@ pub(super) fn pack_directions(directions: &DirectionTable) -> Vec<layout::Direct
     directions.table.entries.iter().zip(&directions.densities).map(pack).collect()
 }
 
+/// Part of the square of how bright lamps are, over the sun's light, that is left of what they light from nearby.
+const SPOTS_LEFT: f32 = 1e-4;
+
+/// The most radiance that rays may find on a surface: that of white in the sun where it rules, so that what lamps light
+/// from nearby, which rays seldom meet, makes no bright spots; and all of it where lamps outshine the sun.
+fn most_found(sunlit: f32, lamps: f32) -> f32 {
+    if sunlit > 0.0 { sunlit + lamps * (lamps / sunlit * SPOTS_LEFT) } else { f32::INFINITY }
+}
+
 /// The scale of the scene and of its light.
 pub(super) fn cache_info(scene: &Scene, environment: &Environment) -> layout::CacheInfo {
     let size = scene.mesh.bounds().map_or(1.0, |(low, high)| (high - low).length()).max(f32::MIN_POSITIVE);
@@ -219,10 +228,12 @@ pub(super) fn cache_info(scene: &Scene, environment: &Environment) -> layout::Ca
         LightKind::Directional => light.intensity.max_element(),
         _ => light.intensity.max_element() / (size * size) * 64.0,
     });
-    let brightest = shown.chain(lamps).fold(map.max(sun), f32::max);
+    let lamps = shown.chain(lamps).fold(0.0, f32::max);
+    let brightest = lamps.max(map).max(sun);
     layout::CacheInfo {
         least: size / 2048.0,
         scale: if brightest.is_finite() && brightest > 0.0 { brightest } else { 1.0 },
+        most: most_found(sun, lamps),
         ..Default::default()
     }
 }
