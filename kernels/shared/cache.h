@@ -114,8 +114,10 @@ static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, fl
         cell = find_cell(cache, cell_key(cell_place(p, n, level - halving), n, level - halving));
         if (cell == NONE || !is_split(cache->cells + cell))
             break;
-        if (halving == CACHE_HALVINGS)
+        if (halving == CACHE_HALVINGS) {
+            *radiance = 0.0f;
             return -1.0f;
+        }
     }
     float3 own, surroundings;
     float grown = grown_cell(cache, cell, &own);

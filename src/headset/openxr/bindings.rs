@@ -82,9 +82,12 @@ pub const CONTROLLERS: [(&str, Bindings); 14] = [
 ];
 
 /// The same place for who points with the other hand. Controllers that come in pairs call the left one's first button
-/// X; Index has an A on both.
+/// X; Index has an A on both. Menu buttons stay, since many have only one.
 pub fn mirrored(profile: &str, path: &str) -> String {
     let Some((hand, rest)) = path.split_once('/') else { return String::new() };
+    if rest == "input/menu/click" {
+        return path.to_string();
+    }
     let other = if hand == "left" { "right" } else { "left" };
     let rest =
         if profile == "valve/index_controller" { rest.to_string() } else { rest.replace("/a/", "/x/") };
@@ -114,6 +117,7 @@ mod tests {
             ("htc/vive_controller", "left/input/trackpad", "right/input/trackpad"),
             ("ext/hand_interaction_ext", "right/input/aim/pose", "left/input/aim/pose"),
             ("ext/hand_interaction_ext", "", ""),
+            ("htc/vive_controller", "right/input/menu/click", "right/input/menu/click"),
         ] {
             assert_eq!(mirrored(profile, path), other);
         }
