@@ -187,10 +187,7 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
         Ok(context) if tracing.len() > 1 => {
             parts.ask(SHARES, || shares(tracing, context, config)).and_then(|shares| shares)
         }
-        _ => Ok(tracing
-            .iter()
-            .map(|d| Share { name: d.info().name.clone(), share: 1.0, left_out: None })
-            .collect()),
+        _ => Ok(tracing.iter().map(whole).collect()),
     };
     let used_uuid = context.as_ref().ok().map(|c| (c.report().uuid, c.report().name.clone()));
     let vulkan = match parts.ask(VULKAN, vulkan::devices).and_then(|devices| devices) {
@@ -207,15 +204,16 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
         keep(Err(error));
         Vec::new()
     });
-    let opencl = infos
-        .into_iter()
-        .zip(kernels)
-        .enumerate()
-        .map(|(index, (info, kernels))| describe_opencl(info, chosen.contains(&index), kernels))
-        .collect();
+    let described = infos.into_iter().zip(kernels).enumerate();
+    let opencl = described.map(|(at, (info, kernels))| describe_opencl(info, chosen.contains(&at), kernels));
     let (sharing, sharing_reason) = sharing.map(|(way, why)| (way.to_string(), why)).unzip();
     let presenters = presenters(parts);
-    Ok(Report { opencl, vulkan, sharing, sharing_reason, shares, presenters, problems })
+    Ok(Report { opencl: opencl.collect(), vulkan, sharing, sharing_reason, shares, presenters, problems })
+}
+
+/// What a device has that traces alone.
+fn whole(device: &Device) -> Share {
+    Share { name: device.info().name.clone(), share: 1.0, left_out: None }
 }
 
 fn describe_opencl(info: DeviceInfo, used: bool, kernels: Option<Choice>) -> OpenClDevice {

@@ -139,16 +139,7 @@ impl Reconstruction {
     /// frame is to be shown from elsewhere and [`Reconstruction::can_warp`] says no.
     pub fn submit(&mut self, view: usize, frame: &Frame<'_>) -> Result<()> {
         let even = frame.view.spacing.is_even();
-        if !even && self.magnify.is_none() {
-            self.magnify = Some(Magnify::new(&self.context)?);
-        }
-        for output in frame.outputs {
-            let attachments = output.target.attachments();
-            match self.magnify.as_mut().filter(|_| !even) {
-                Some(magnify) => magnify.require_pass(&self.context, attachments)?,
-                None => self.require_pass(attachments)?,
-            }
-        }
+        self.require_passes(frame)?;
         let other =
             frame.other.and_then(|other| self.views.get(other)).and_then(|other| other.history.lend());
         let state = &mut self.views[view];
@@ -209,6 +200,22 @@ impl Reconstruction {
         }
         commands.end_stage("reconstruct");
         commands.submit()
+    }
+
+    /// Makes the passes that a frame's outputs need and there are not yet.
+    fn require_passes(&mut self, frame: &Frame<'_>) -> Result<()> {
+        let even = frame.view.spacing.is_even();
+        if !even && self.magnify.is_none() {
+            self.magnify = Some(Magnify::new(&self.context)?);
+        }
+        for output in frame.outputs {
+            let attachments = output.target.attachments();
+            match self.magnify.as_mut().filter(|_| !even) {
+                Some(magnify) => magnify.require_pass(&self.context, attachments)?,
+                None => self.require_pass(attachments)?,
+            }
+        }
+        Ok(())
     }
 
     /// The most pixels of a view that may be spaced unevenly: their tables fit one binding each.

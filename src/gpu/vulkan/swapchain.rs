@@ -183,14 +183,7 @@ impl Swapchain {
                 .get_physical_device_surface_capabilities(context.0.physical_device, surface.handle)
         }
         .map_err(refused)?;
-        let (least, most) = (limits.min_image_extent, limits.max_image_extent);
-        let extent = match limits.current_extent {
-            vk::Extent2D { width: u32::MAX, .. } => vk::Extent2D {
-                width: width.clamp(least.width, most.width.max(least.width)),
-                height: height.clamp(least.height, most.height.max(least.height)),
-            },
-            given => given,
-        };
+        let extent = extent_within(&limits, width, height);
         self.images.clear();
         if extent.width == 0 || extent.height == 0 {
             return Ok(());
@@ -436,5 +429,17 @@ impl Surface {
             device: context.report().name.clone(),
             problem: "it shows no windows with 8 bits a channel; choose another screen or driver".to_string(),
         })
+    }
+}
+
+/// The size that the surface has, or the one that is asked for as far as it allows.
+fn extent_within(limits: &vk::SurfaceCapabilitiesKHR, width: u32, height: u32) -> vk::Extent2D {
+    let (least, most) = (limits.min_image_extent, limits.max_image_extent);
+    match limits.current_extent {
+        vk::Extent2D { width: u32::MAX, .. } => vk::Extent2D {
+            width: width.clamp(least.width, most.width.max(least.width)),
+            height: height.clamp(least.height, most.height.max(least.height)),
+        },
+        given => given,
     }
 }
