@@ -205,13 +205,16 @@ pub(super) fn pack_directions(directions: &DirectionTable) -> Vec<layout::Direct
     directions.table.entries.iter().zip(&directions.densities).map(pack).collect()
 }
 
-/// Part of the square of how bright lamps are, over the sun's light, that is left of what they light from nearby.
+/// Part of the square of how bright lamps are, over the day's light, that is left of what they light from nearby.
 const SPOTS_LEFT: f32 = 1e-4;
 
-/// The most radiance that rays may find on a surface: that of white in the sun where it rules, so that what lamps light
-/// from nearby, which rays seldom meet, makes no bright spots; and all of it where lamps outshine the sun.
-fn most_found(sunlit: f32, lamps: f32) -> f32 {
-    if sunlit > 0.0 { sunlit + lamps * (lamps / sunlit * SPOTS_LEFT) } else { f32::INFINITY }
+/// The most radiance that rays may find on a surface: that of white under sun and sky where the sun rules, so that what
+/// lamps light from nearby, which rays seldom meet, makes no bright spots; and all of it where lamps outshine the sun, or
+/// there is none.
+fn most_found(sun: f32, environment: &Environment, lamps: f32) -> f32 {
+    // Half of a sphere may be the bright one.
+    let white = sun + 2.0 * environment.irradiance() / std::f32::consts::PI;
+    if sun > 0.0 { white + lamps * (lamps / white * SPOTS_LEFT) } else { f32::INFINITY }
 }
 
 /// The scale of the scene and of its light.
@@ -233,7 +236,7 @@ pub(super) fn cache_info(scene: &Scene, environment: &Environment) -> layout::Ca
     layout::CacheInfo {
         least: size / 2048.0,
         scale: if brightest.is_finite() && brightest > 0.0 { brightest } else { 1.0 },
-        most: most_found(sun, lamps),
+        most: most_found(sun, environment, lamps),
         ..Default::default()
     }
 }
