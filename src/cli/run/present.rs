@@ -14,11 +14,11 @@ use super::watchdog::{SILENCE, Watchdog};
 use super::{Mirror, keys, takes_insets};
 use crate::cli::machine::Machine;
 use crate::cli::{complain, output};
-use crate::config::{Config, Hand, HeadsetConfig, Method};
+use crate::config::{Config, Hand, HeadsetConfig, Method, Turn, Walk};
 use crate::error::Result;
 use crate::frame::log::FrameLog;
 use crate::frame::{Loaded, Output, Renderer};
-use crate::headset::openxr::{self, Options, Runtime, Session};
+use crate::headset::openxr::{self, Controls, Options, Runtime, Session};
 use crate::headset::{Fault, Headset, Keys, Outcome};
 use crate::math::pose::Pose;
 use crate::session::{Absence, FrameLoop, Link, Observer, Rig, Shown};
@@ -260,13 +260,18 @@ impl Presentation<'_> {
 
     /// Presents in one session, from its start to its end.
     fn in_session(&self, stage: &mut Stage, run: &mut Run) -> Outcome<()> {
-        let HeadsetConfig { eye_tracking, refresh_hz, depth, hand, .. } = self.config.headset;
+        let HeadsetConfig { eye_tracking, refresh_hz, depth, hand, walk, turn, .. } = self.config.headset;
         let guided = self.config.reconstruction.method == Method::Guided;
         let gaze = eye_tracking && self.gaze.is_none();
-        let left_handed = hand == Hand::Left;
+        let controls = Controls {
+            left_handed: hand == Hand::Left,
+            walks: walk == Walk::Smooth,
+            teleports: walk == Walk::Teleport,
+            turns: turn != Turn::Off,
+        };
         let (depth, mirrored) =
             (depth && guided, run.mirror.as_ref().is_some_and(|mirror| !mirror.is_closed()));
-        let options = Options { size: self.size, gaze, refresh_hz, depth, left_handed, mirrored };
+        let options = Options { size: self.size, gaze, refresh_hz, depth, controls, mirrored };
         run.teller.watch.asks();
         let mut session = Session::new(&stage.runtime, &stage.machine.context, &options)?;
         self.introduce(stage, &session, run)?;

@@ -35,6 +35,6 @@ mod waiter;
 
 pub use clock::FrameClock;
 pub use runtime::Runtime;
-pub use session::{Options, Session};
+pub use session::{Controls, Options, Session};
 pub use swapchain::Formats;
 pub use waiter::settled;

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use openxr as xr;
 
+pub use self::menu::Controls;
 use self::menu::Menu;
 use super::actions::Actions;
 use super::board::Notices;
@@ -45,8 +46,8 @@ pub struct Options {
     pub refresh_hz: f64,
     /// Hand over depths beside pictures where the runtime takes them.
     pub depth: bool,
-    /// The left hand turns, points and teleports.
-    pub left_handed: bool,
+    /// What controllers do.
+    pub controls: Controls,
     /// Spectators want to see what the first view shows.
     pub mirrored: bool,
 }
@@ -115,7 +116,7 @@ impl Session {
             .called("xrCreateReferenceSpace")?;
         let floor = Floor::new(&session);
         let mut notes = Notes::default();
-        let made = Actions::new(&runtime.instance, &session, options.left_handed);
+        let made = Actions::new(&runtime.instance, &session, options.controls.left_handed);
         let mut actions = notes.or_without(made, "controllers are not used")?;
         let tracked = options.gaze && gaze::supported(&runtime.instance, runtime.system);
         let made = if tracked { EyeTracker::new(&runtime.instance, &session) } else { Ok(None) };
@@ -142,7 +143,7 @@ impl Session {
         Ok(Session {
             images,
             notices: Notices::new(context),
-            menu: Menu::new(options.left_handed),
+            menu: Menu::new(options.controls),
             spectator,
             sizes: wished,
             followed,

@@ -8,12 +8,24 @@ use super::Session;
 /// How long what it says stays before it is written anew.
 const STEADY: Duration = Duration::from_secs(1);
 
+/// What controllers do for the wearer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Controls {
+    /// The left hand turns, points and teleports.
+    pub left_handed: bool,
+    /// The other hand's stick walks.
+    pub walks: bool,
+    /// The pointing hand teleports.
+    pub teleports: bool,
+    /// Its stick turns.
+    pub turns: bool,
+}
+
 /// What the menu says, while it is open.
-#[derive(Default)]
 pub(super) struct Menu {
-    /// How the newest picture was made.
+    /// How the newest picture was made; empty before there was one.
     pub status: String,
-    left_handed: bool,
+    controls: Controls,
     open: Option<Page>,
 }
 
@@ -23,9 +35,9 @@ struct Page {
 }
 
 impl Menu {
-    /// A closed one, for who turns, points and teleports with the left hand or the right.
-    pub fn new(left_handed: bool) -> Self {
-        Menu { left_handed, ..Menu::default() }
+    /// A closed one.
+    pub fn new(controls: Controls) -> Self {
+        Menu { status: String::new(), controls, open: None }
     }
 
     /// Opens, or closes.
@@ -42,13 +54,19 @@ impl Menu {
     }
 
     fn page(&self) -> Page {
-        let [goes, turns] = if self.left_handed { ["right", "left"] } else { ["left", "right"] };
-        let text = format!(
-            "foveate: {}. The {goes} stick goes, pressed it resets the eyes' height. The {turns} stick turns, pressed it \
-             leads back to the start. The {turns} hand's first button teleports. The menu button closes this.",
-            self.status
-        );
-        Page { text, written: Instant::now() }
+        let Controls { left_handed, walks, teleports, turns } = self.controls;
+        let [other, points] = if left_handed { ["right", "left"] } else { ["left", "right"] };
+        let told = |told: bool, sentence: String| if told { sentence } else { String::new() };
+        let text = [
+            told(!self.status.is_empty(), format!("foveate: {}.", self.status)),
+            told(walks, format!("The {other} stick or pad walks.")),
+            format!("Pressed, a {other} stick resets the height of the eyes."),
+            told(turns, format!("The {points} stick or pad turns.")),
+            format!("Pressed, a {points} stick leads back to the start."),
+            told(teleports, format!("The {points} hand's first button or trigger teleports.")),
+            "The menu button closes this.".to_string(),
+        ];
+        Page { text: text.join(" "), written: Instant::now() }
     }
 }
 
@@ -64,23 +82,37 @@ impl Session {
 mod tests {
     use super::*;
 
+    const ALL: Controls = Controls { left_handed: false, walks: true, teleports: true, turns: true };
+
     #[test]
-    fn the_menu_tells_the_newest_status_and_the_hands() {
-        let mut menu = Menu { status: "quality 40 %".into(), ..Menu::default() };
+    fn the_menu_tells_the_newest_status_once_a_second() {
+        let mut menu = Menu::new(ALL);
+        menu.status = "quality 40 %".into();
         assert_eq!(menu.text(), None);
         menu.press();
         let text = menu.text().unwrap().to_string();
-        assert!(text.contains("quality 40 %") && text.contains("left stick goes"), "{text}");
-        // Every word fits on the board.
-        assert!(text.len() < 600);
+        assert!(text.contains("quality 40 %"), "{text}");
         menu.status = "quality 50 %".into();
-        assert_eq!(menu.text(), Some(text.as_str()), "it is not written in every frame");
+        assert_eq!(menu.text(), Some(text.as_str()));
         menu.open.as_mut().unwrap().written -= STEADY;
         assert!(menu.text().unwrap().contains("quality 50 %"));
         menu.press();
         assert_eq!(menu.text(), None);
-        let mut menu = Menu::new(true);
-        menu.press();
-        assert!(menu.text().unwrap().contains("right stick goes"));
+    }
+
+    #[test]
+    fn the_menu_tells_what_controllers_do_and_no_more() {
+        let text = |controls: Controls| Menu::new(controls).page().text;
+        let all = text(ALL);
+        assert!(all.contains("left stick or pad walks") && all.contains("right stick or pad turns"), "{all}");
+        assert!(all.contains("right hand's first button or trigger teleports") && !all.contains("foveate:"));
+        assert!(text(Controls { left_handed: true, ..ALL }).contains("right stick or pad walks"));
+        for (controls, word) in [
+            (Controls { walks: false, ..ALL }, "walks"),
+            (Controls { teleports: false, ..ALL }, "teleports"),
+            (Controls { turns: false, ..ALL }, "turns"),
+        ] {
+            assert!(!text(controls).contains(word), "{word}");
+        }
     }
 }
