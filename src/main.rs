@@ -6,7 +6,8 @@
 //! this file tells the loaders of OpenCL and Vulkan where drivers are. Nothing of it is in the environment of
 //! other programs, and a checkout without them links as usual.
 //!
-//! What is unsafe here keeps OpenXR's loader quiet, and names unpacked drivers and a place for caches.
+//! What is unsafe here keeps OpenXR's loader quiet, names unpacked drivers and a place for caches, and has glibc give
+//! large memory back.
 #![allow(unsafe_code)]
 
 use std::ffi::OsString;
@@ -22,6 +23,7 @@ const UNPACKED: [(&str, Option<&str>); 2] = [
 ];
 
 fn main() -> ExitCode {
+    give_memory_back();
     // OpenXR's loader complains on standard error wherever there is no runtime, which is no fault here.
     let mut defaults: Vec<(&str, OsString)> = vec![("XR_LOADER_DEBUG", "none".into())];
     defaults.extend(UNPACKED.into_iter().filter_map(|(name, value)| Some((name, value?.into()))));
@@ -50,6 +52,17 @@ fn main() -> ExitCode {
         end_at_once(i32::from(done.is_err()));
     }
     if done.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Has glibc give parts of large scenes back to the system as soon as they are let go of. By itself it raises the size
+/// from which it does so to 32 MiB, and keeps a gigabyte of what loading a large scene took; a frame's memory stays
+/// below this size.
+fn give_memory_back() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: no other thread runs yet.
+    unsafe {
+        nix::libc::mallopt(nix::libc::M_MMAP_THRESHOLD, 16 << 20);
+    }
 }
 
 /// Ends without what drivers do at a program's end: one that does not answer would keep it, and one that is at work

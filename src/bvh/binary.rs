@@ -4,6 +4,9 @@
 //! coincident triangles) or the tree has grown deep, the set is halved by count.
 
 use glam::Vec3;
+use obvhs::bvh2::node::Bvh2Node;
+
+use super::binary_tree::{BinaryTree, Scale};
 
 /// Bins along each axis.
 const BINS: usize = 16;
@@ -63,82 +66,73 @@ impl Primitive {
     }
 }
 
-/// A node of the binary tree.
-#[derive(Debug)]
-pub enum Node {
-    /// One triangle.
-    Leaf(Primitive),
-    /// Two children, and the number of triangles below.
-    Inner {
-        /// Bounds of everything below.
-        bounds: Bounds,
-        /// Triangles below.
-        count: u32,
-        /// The two halves.
-        children: Box<[Node; 2]>,
-    },
-}
-
-impl Node {
-    /// The parent of two nodes.
-    pub fn over(children: [Node; 2]) -> Node {
-        let bounds = children[0].bounds().union(children[1].bounds());
-        Node::Inner { bounds, count: children[0].count() + children[1].count(), children: Box::new(children) }
-    }
-
-    /// Bounds of everything below.
-    pub fn bounds(&self) -> Bounds {
-        match self {
-            Node::Leaf(primitive) => primitive.bounds,
-            Node::Inner { bounds, .. } => *bounds,
-        }
-    }
-
-    /// Triangles below.
-    pub fn count(&self) -> u32 {
-        match self {
-            Node::Leaf(_) => 1,
-            Node::Inner { count, .. } => *count,
-        }
-    }
-}
-
 /// Builds a tree; `primitives` is not empty and gets reordered. `placed` is told of primitives that have
 /// found their place, a few thousand at a time.
-pub fn build(primitives: &mut [Primitive], placed: &(dyn Fn(usize) + Sync)) -> Node {
-    build_set(primitives, 0, placed)
+pub fn build(primitives: &mut [Primitive], placed: &(dyn Fn(usize) + Sync)) -> BinaryTree {
+    let scale = Scale::of(primitives);
+    let mut nodes = vec![Bvh2Node::default(); 2 * primitives.len() - 1];
+    let (root, below) = nodes.split_first_mut().expect("a set is not empty");
+    *root = Builder { scale, placed }.build_set(primitives, 0, (below, 1), 0);
+    BinaryTree { nodes, triangles: primitives.iter().map(|primitive| primitive.triangle).collect(), scale }
 }
 
-/// Halves a set by count until nothing is left to halve; it is not empty, and lies `depth` levels deep.
-pub(super) fn halved(primitives: &mut [Primitive], depth: u32) -> Node {
-    build_set(primitives, depth.max(DEPTH_LIMIT), &|_| ())
+struct Builder<'a> {
+    scale: Scale,
+    placed: &'a (dyn Fn(usize) + Sync),
 }
 
-fn build_set(primitives: &mut [Primitive], depth: u32, placed: &(dyn Fn(usize) + Sync)) -> Node {
-    if let [only] = primitives {
-        return Node::Leaf(*only);
+impl Builder<'_> {
+    /// The node over a set, which begins at place `first` of all; its descendants take the nodes that are given, with
+    /// the index of the first of them.
+    fn build_set(
+        &self,
+        primitives: &mut [Primitive],
+        first: usize,
+        (below, index): (&mut [Bvh2Node], usize),
+        depth: u32,
+    ) -> Bvh2Node {
+        if let [only] = primitives {
+            return BinaryTree::leaf(self.scale.scaled(&only.bounds), first as u32);
+        }
+        let count = primitives.len();
+        let middle = split(primitives, depth);
+        let (left, right) = primitives.split_at_mut(middle);
+        let (pair, below) = below.split_at_mut(2);
+        let (below_left, below_right) = below.split_at_mut(2 * middle - 2);
+        let nodes = [(below_left, index + 2), (below_right, index + 2 * middle)];
+        let children = self.build_both([left, right], [first, first + middle], nodes, depth + 1);
+        if depth == 0 && count < PARALLEL_SET {
+            (self.placed)(count);
+        }
+        pair.copy_from_slice(&children);
+        BinaryTree::parent(children, index as u32)
     }
-    let count = primitives.len();
-    let middle = split(primitives, depth);
-    let (left, right) = primitives.split_at_mut(middle);
-    let children = if left.len() + right.len() >= PARALLEL_SET {
+
+    /// The nodes over two sets, by two threads where they are large.
+    fn build_both(
+        &self,
+        [left, right]: [&mut [Primitive]; 2],
+        first: [usize; 2],
+        [below_left, below_right]: [(&mut [Bvh2Node], usize); 2],
+        depth: u32,
+    ) -> [Bvh2Node; 2] {
+        if left.len() + right.len() < PARALLEL_SET {
+            return [
+                self.build_set(left, first[0], below_left, depth),
+                self.build_set(right, first[1], below_right, depth),
+            ];
+        }
         // Parts of large sets that are themselves small are told of here.
-        let part = |set: &mut [Primitive]| {
+        let part = |set: &mut [Primitive], first, below| {
             let len = set.len();
-            let node = build_set(set, depth + 1, placed);
+            let node = self.build_set(set, first, below, depth);
             if len < PARALLEL_SET {
-                placed(len);
+                (self.placed)(len);
             }
             node
         };
-        rayon::join(|| part(left), || part(right))
-    } else {
-        (build_set(left, depth + 1, placed), build_set(right, depth + 1, placed))
-    };
-    if depth == 0 && count < PARALLEL_SET {
-        placed(count);
+        rayon::join(|| part(left, first[0], below_left), || part(right, first[1], below_right)).into()
     }
-    Node::over([children.0, children.1])
 }
 
 /// Reorders a set of at least two and returns where its second part begins.

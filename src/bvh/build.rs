@@ -13,14 +13,11 @@ use rayon::prelude::*;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::LEAF_TRIANGLES;
-use super::binary::{self, Bounds, Node, Primitive};
+use super::binary::{self, Primitive};
+use super::binary_tree::{BinaryTree, eight_below};
+use super::choice::{Choice, Chosen};
 use super::improve;
 use super::wide::{LEAF, LeafSlot, WideBvh, WideNode};
-
-/// Cost of a binary node in units of a leaf's test. One wide node stands for up to seven binary
-/// ones, and eight lanes test eight boxes or eight triangles in about the same time.
-const NODE_COST: f64 = 1.0 / 7.0;
 
 impl WideBvh {
     /// Builds a tree over triangles with finite vertices, on all cores.
@@ -49,13 +46,13 @@ impl WideBvh {
         let total = primitives.len() as f64 * if has_long_triangles { 2.0 } else { 1.2 };
         let done = AtomicUsize::new(0);
         let placed = |count: usize| tell((done.fetch_add(count, Ordering::Relaxed) + count) as f64 / total);
-        let root = binary::build(&mut primitives, &placed);
+        let tree = binary::build(&mut primitives, &placed);
         if !has_long_triangles {
-            // Gigabytes, for large scenes, which the steps that follow have a use for.
+            // Half a gigabyte, for large scenes, which the steps that follow have a use for.
             drop(primitives);
-            return WideBvh::from_binary(improve::reinserted(root));
+            return WideBvh::from_binary(improve::reinserted(tree));
         }
-        let from_above = WideBvh::from_binary(improve::reinserted(root));
+        let from_above = WideBvh::from_binary(improve::reinserted(tree));
         let from_below = WideBvh::from_binary(improve::clustered(&primitives));
         if from_below.cost().sum() < from_above.cost().sum() { from_below } else { from_above }
     }
@@ -66,29 +63,31 @@ impl WideBvh {
         if primitives.is_empty() {
             return WideBvh { nodes: vec![WideNode::VACANT], order: Vec::new() };
         }
-        WideBvh::from_binary(improve::reinserted(binary::build(&mut primitives, &|_| ())))
+        let tree = binary::build(&mut primitives, &|_| ());
+        drop(primitives);
+        WideBvh::from_binary(improve::reinserted(tree))
     }
 
     /// Makes a tree wide, whoever built it.
-    pub fn from_binary(root: Node) -> WideBvh {
-        let mut wide =
-            WideBvh { nodes: vec![WideNode::VACANT], order: Vec::with_capacity(root.count() as usize) };
-        wide.collapse(&Choice::of(root));
+    pub fn from_binary(tree: BinaryTree) -> WideBvh {
+        let order = Vec::with_capacity(tree.triangles.len());
+        let mut wide = WideBvh { nodes: vec![WideNode::VACANT], order };
+        wide.collapse(&Choice::of(tree));
         wide
     }
 
     /// Emits nodes depth first, so that what is walked together lies together.
-    fn collapse(&mut self, root: &Choice) {
-        let mut pending = vec![(root, 0usize)];
-        while let Some((choice, wide)) = pending.pop() {
-            for (slot, child) in eight_children(choice).into_iter().enumerate() {
-                let (bounds, link) = match child {
-                    Choice::Leaf { bounds, triangles } => (bounds, self.emit_leaf(triangles)),
-                    Choice::Inner { bounds, .. } => {
-                        self.nodes.push(WideNode::VACANT);
-                        pending.push((child, self.nodes.len() - 1));
-                        (bounds, self.nodes.len() as u32 - 1)
-                    }
+    fn collapse(&mut self, choice: &Choice) {
+        let mut pending = vec![(0, 0usize)];
+        while let Some((root, wide)) = pending.pop() {
+            for (slot, child) in eight_below(root, |node| choice.opened(node)).into_iter().enumerate() {
+                let Chosen { bounds, first, triangles } = choice.nodes[child as usize];
+                let link = if triangles > 0 {
+                    self.emit_leaf(&choice.triangles[first as usize..][..triangles as usize])
+                } else {
+                    self.nodes.push(WideNode::VACANT);
+                    pending.push((child, self.nodes.len() - 1));
+                    self.nodes.len() as u32 - 1
                 };
                 self.nodes[wide].set(slot, (bounds.lower, bounds.upper), link);
             }
@@ -112,76 +111,6 @@ fn primitives_of(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Primitive> {
         Primitive { bounds, triangle: index as u32 }
     };
     triangles.par_iter().enumerate().map(primitive).collect()
-}
-
-/// The binary tree after it was decided which subtrees become leaves.
-enum Choice {
-    Leaf { bounds: Bounds, triangles: Vec<u32> },
-    Inner { bounds: Bounds, children: Box<[Choice; 2]> },
-}
-
-impl Choice {
-    /// Subtrees of at most eight triangles become leaves where testing them all costs no more, by
-    /// the surface area heuristic, than walking what is below.
-    fn of(root: Node) -> Choice {
-        Self::with_cost(root).0
-    }
-
-    fn with_cost(node: Node) -> (Choice, f64) {
-        let bounds = node.bounds();
-        let area = bounds.half_area();
-        let count = node.count() as usize;
-        match node {
-            Node::Leaf(primitive) => (Choice::Leaf { bounds, triangles: vec![primitive.triangle] }, area),
-            Node::Inner { children, .. } => {
-                let [left, right] = *children;
-                let ((left, left_cost), (right, right_cost)) = if count > 4096 {
-                    rayon::join(|| Self::with_cost(left), || Self::with_cost(right))
-                } else {
-                    (Self::with_cost(left), Self::with_cost(right))
-                };
-                let cost = area * NODE_COST + left_cost + right_cost;
-                if count <= LEAF_TRIANGLES && area <= cost {
-                    let mut triangles = Vec::with_capacity(count);
-                    left.gather(&mut triangles);
-                    right.gather(&mut triangles);
-                    // Pieces of one triangle may have come together.
-                    triangles.sort_unstable();
-                    triangles.dedup();
-                    return (Choice::Leaf { bounds, triangles }, area);
-                }
-                (Choice::Inner { bounds, children: Box::new([left, right]) }, cost)
-            }
-        }
-    }
-
-    fn gather(&self, triangles: &mut Vec<u32>) {
-        match self {
-            Choice::Leaf { triangles: own, .. } => triangles.extend_from_slice(own),
-            Choice::Inner { children, .. } => children.iter().for_each(|child| child.gather(triangles)),
-        }
-    }
-
-    fn bounds(&self) -> &Bounds {
-        match self {
-            Choice::Leaf { bounds, .. } | Choice::Inner { bounds, .. } => bounds,
-        }
-    }
-}
-
-/// Up to eight descendants: the inner one with the largest surface is opened first.
-fn eight_children(node: &Choice) -> Vec<&Choice> {
-    let mut children = vec![node];
-    while children.len() < 8 {
-        let inner = children.iter().enumerate().filter_map(|(place, child)| match child {
-            Choice::Inner { children, .. } => Some((place, child.bounds().half_area(), children)),
-            Choice::Leaf { .. } => None,
-        });
-        let Some((place, _, halves)) = inner.max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-        children[place] = &halves[0];
-        children.insert(place + 1, &halves[1]);
-    }
-    children
 }
 
 #[cfg(test)]

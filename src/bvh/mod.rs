@@ -4,9 +4,11 @@
 //! triangles are laid out in the order of its leaves.
 
 pub mod binary;
+pub mod binary_tree;
 mod build;
 pub mod cache;
 mod check;
+mod choice;
 pub mod compact;
 mod improve;
 pub mod parted;

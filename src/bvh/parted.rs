@@ -9,7 +9,8 @@ use std::ops::Range;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::binary::{self, Bounds, Node, Primitive};
+use super::binary::{self, Bounds, Primitive};
+use super::binary_tree::{BinaryTree, eight_below};
 use super::refit::extent;
 use super::wide::{EMPTY, LEAF, LeafSlot, WideBvh, WideNode, leaf_range};
 
@@ -117,9 +118,11 @@ impl Parted {
         if primitives.is_empty() {
             return vec![WideNode::VACANT; self.top];
         }
-        let (mut nodes, depth) = wide_over(&binary::build(&mut primitives, &|_| ()), &roots);
+        let mut tree = binary::build(&mut primitives, &|_| ());
+        let (mut nodes, depth) = wide_over(&tree, &roots);
         if depth > self.levels() {
-            nodes = wide_over(&binary::halved(&mut primitives, 0), &roots).0;
+            tree.halve_below(0);
+            nodes = wide_over(&tree, &roots).0;
         }
         nodes.resize(self.top, WideNode::VACANT);
         nodes
@@ -263,40 +266,25 @@ fn bounds_of_leaf(vertices: &[f32], count: usize) -> (Vec3, Vec3) {
 }
 
 /// Eight children a node over a binary tree whose leaves stand for `roots`, and its levels above these.
-fn wide_over(binary: &Node, roots: &[WideNode]) -> (Vec<WideNode>, u32) {
+fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> (Vec<WideNode>, u32) {
     let (mut nodes, mut deepest) = (vec![WideNode::VACANT], 0);
-    let mut pending = vec![(binary, 0usize, 1u32)];
-    while let Some((node, wide, depth)) = pending.pop() {
+    let mut pending = vec![(0, 0usize, 1u32)];
+    let opened = |at| Some((tree.bounds(at).half_area(), tree.children(at)?));
+    while let Some((root, wide, depth)) = pending.pop() {
         deepest = deepest.max(depth);
-        for (slot, child) in eight_below(node).into_iter().enumerate() {
+        for (slot, child) in eight_below(root, opened).into_iter().enumerate() {
             let index = nodes.len();
-            match child {
-                Node::Leaf(primitive) => nodes.push(roots[primitive.triangle as usize]),
-                Node::Inner { .. } => {
-                    nodes.push(WideNode::VACANT);
-                    pending.push((child, index, depth + 1));
-                }
+            if tree.children(child).is_some() {
+                nodes.push(WideNode::VACANT);
+                pending.push((child, index, depth + 1));
+            } else {
+                nodes.push(roots[tree.triangle(child) as usize]);
             }
-            let bounds = child.bounds();
+            let bounds = tree.bounds(child);
             nodes[wide].set(slot, (bounds.lower, bounds.upper), index as u32);
         }
     }
     (nodes, deepest)
-}
-
-/// Up to eight descendants: the inner one with the largest surface is opened first.
-fn eight_below(node: &Node) -> Vec<&Node> {
-    let mut children = vec![node];
-    while children.len() < 8 {
-        let inner = children.iter().enumerate().filter_map(|(place, child)| match child {
-            Node::Inner { bounds, children, .. } => Some((place, bounds.half_area(), children)),
-            Node::Leaf(_) => None,
-        });
-        let Some((place, _, halves)) = inner.max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-        children[place] = &halves[0];
-        children.insert(place + 1, &halves[1]);
-    }
-    children
 }
 
 /// A triangle that motion has flattened, with an area again: kernels cannot tell a line or a point from what a ray

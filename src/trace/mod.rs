@@ -25,7 +25,7 @@ mod worker;
 
 pub use fleet::{Fleet, Opener, Round, State, Tried};
 pub use moving::{MovingScene, SceneState};
-pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData};
+pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData, tree_bytes};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera, try_kernels};
 pub use traversal::{Traversal, Traversals};
 pub use worker::{DeviceWorker, Job, PartResult, SampleTarget, Worker};

@@ -1,5 +1,6 @@
 //! A scene as devices take it, and in a device's memory.
 
+mod count;
 mod instant;
 mod pack;
 
@@ -14,6 +15,8 @@ use crate::layout::{self, pack_normal};
 use crate::scene::glossy;
 use crate::scene::importance::DirectionTable;
 use crate::scene::{Environment, Features, Scene};
+
+pub use count::tree_bytes;
 
 use super::emitters::{PackedEmitters, lights_in_order};
 use pack::{
@@ -101,6 +104,22 @@ impl SceneData {
     /// # Errors
     /// [`Error::Setting`] where it has more materials or texels than kernels can tell apart.
     pub fn pack(scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
+        let mut data = Self::pack_around_mesh(scene, bvh, environment)?;
+        let mesh = &scene.mesh;
+        data.nodes = bvh.nodes.clone();
+        data.leaves = bvh.leaf_vertices(&mesh.positions, &mesh.triangles);
+        data.triangles = pack_triangles(scene, bvh);
+        data.normals = mesh.normals.iter().map(|n| pack_normal(n.to_array())).collect();
+        data.tangents = data.tangents.map(|_| bytemuck::cast_slice(&mesh.tangents).to_vec());
+        for (uvs, own) in data.uvs.iter_mut().zip(&mesh.uvs) {
+            *uvs = uvs.take().map(|_| bytemuck::cast_slice(own).to_vec());
+        }
+        data.colors = data.colors.map(|_| mesh.colors.iter().map(pack_color).collect());
+        Ok(data)
+    }
+
+    /// Packs all but what there is of each node, triangle or vertex, which is empty where it is needed.
+    fn pack_around_mesh(scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
         if scene.materials.len() > layout::MAX_MATERIALS {
             return Err(Error::setting(
                 "scene",
@@ -116,22 +135,18 @@ impl SceneData {
         let directions = DirectionTable::new(environment);
         let (infos, texels) = pack_textures(scene)?;
         let packed = PackedEmitters::of(scene, bvh);
-        let uv = |slot: usize| {
-            let values: &[[f32; 2]] = bytemuck::cast_slice(&mesh.uvs[slot]);
-            (features.textures && !values.is_empty()).then(|| values.to_vec())
-        };
+        let uv = |slot: usize| (features.textures && !mesh.uvs[slot].is_empty()).then(Vec::new);
         Ok(SceneData {
             depth: bvh.depth(),
             anchor: scene.anchor,
-            nodes: bvh.nodes.clone(),
+            nodes: Vec::new(),
             compact: OnceLock::new(),
-            leaves: bvh.leaf_vertices(&mesh.positions, &mesh.triangles),
-            triangles: pack_triangles(scene, bvh),
-            normals: mesh.normals.iter().map(|n| pack_normal(n.to_array())).collect(),
-            tangents: ((features.normal_maps || features.layers) && !mesh.tangents.is_empty())
-                .then(|| bytemuck::cast_slice(&mesh.tangents).to_vec()),
+            leaves: Vec::new(),
+            triangles: Vec::new(),
+            normals: Vec::new(),
+            tangents: ((features.normal_maps || features.layers) && !mesh.tangents.is_empty()).then(Vec::new),
             uvs: [uv(0), uv(1)],
-            colors: features.vertex_colors.then(|| mesh.colors.iter().map(pack_color).collect()),
+            colors: features.vertex_colors.then(Vec::new),
             materials: pack_materials(scene),
             textures: features.textures.then_some(infos),
             texels: features.textures.then_some(texels),
@@ -187,16 +202,6 @@ impl SceneData {
         .chain(emitters)
         .flatten()
         .collect()
-    }
-
-    /// Bytes of what rays walk: nodes, vertices in leaf order, and what hits need to know of a triangle.
-    pub fn tree_bytes(&self, traversals: Traversals) -> usize {
-        let tree = ["nodes", "compact nodes", "leaves", "triangles"];
-        self.bytes(traversals)
-            .iter()
-            .filter(|buffer| tree.contains(&buffer.name))
-            .map(|buffer| buffer.bytes)
-            .sum()
     }
 
     /// Tells whether a device has room, before anything is uploaded: drivers often say so only later.

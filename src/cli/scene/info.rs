@@ -13,7 +13,7 @@ use crate::config::Layers;
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::scene::info::{SceneInfo, summarise};
-use crate::trace::{BufferBytes, SceneData};
+use crate::trace::{BufferBytes, SceneData, tree_bytes};
 
 /// Arguments of `foveate scene info`.
 #[derive(Debug, clap::Args)]
@@ -54,15 +54,14 @@ pub fn run(args: &Args) -> Result<()> {
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
     let traversals = config.trace.traversal.on(&machine.device).traversals;
-    let data = SceneData::pack(&loaded.scene, &loaded.bvh, &loaded.environment)?;
-    let device_buffers = data.bytes(traversals);
+    let device_buffers = SceneData::count(&loaded.scene, &loaded.bvh, &loaded.environment, traversals)?;
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),
         bvh: BvhInfo {
             nodes: loaded.bvh.nodes.len(),
             depth: loaded.bvh.depth(),
-            bytes_per_triangle: data.tree_bytes(traversals) as f64
+            bytes_per_triangle: tree_bytes(&device_buffers) as f64
                 / loaded.scene.mesh.triangles.len().max(1) as f64,
             cost: loaded.bvh.cost(),
         },

@@ -1,0 +1,88 @@
+//! How large a scene's buffers will be, without making those that hold something for each triangle.
+
+use super::{BufferBytes, SceneData};
+use crate::bvh::{LEAF_TRIANGLES, WideBvh};
+use crate::error::Result;
+use crate::layout;
+use crate::scene::{Environment, Mesh, Scene};
+use crate::trace::Traversals;
+
+impl SceneData {
+    /// The list that [`SceneData::bytes`] of the packed scene would give, for the memory of what is not of its mesh.
+    ///
+    /// # Errors
+    /// As [`SceneData::pack`].
+    pub fn count(
+        scene: &Scene,
+        bvh: &WideBvh,
+        environment: &Environment,
+        traversals: Traversals,
+    ) -> Result<Vec<BufferBytes>> {
+        let mut buffers = Self::pack_around_mesh(scene, bvh, environment)?.bytes(traversals);
+        for buffer in &mut buffers {
+            if let Some(bytes) = mesh_bytes(buffer.name, &scene.mesh, bvh) {
+                buffer.bytes = bytes;
+            }
+        }
+        Ok(buffers)
+    }
+}
+
+/// Bytes of a buffer that holds something for each node, triangle or vertex.
+fn mesh_bytes(name: &str, mesh: &Mesh, bvh: &WideBvh) -> Option<usize> {
+    let (nodes, places) = (bvh.nodes.len(), bvh.order.len());
+    let (count, each) = match name {
+        "nodes" => (nodes, size_of::<layout::WideNode>()),
+        "compact nodes" => (nodes, size_of::<layout::CompactNode>()),
+        "leaves" => (places * 9 + LEAF_TRIANGLES, size_of::<f32>()),
+        "triangles" => (places, size_of::<layout::Triangle>()),
+        "normals" => (mesh.normals.len(), size_of::<u32>()),
+        "tangents" => (mesh.tangents.len(), size_of::<[f32; 4]>()),
+        "uv 0" => (mesh.uvs[0].len(), size_of::<[f32; 2]>()),
+        "uv 1" => (mesh.uvs[1].len(), size_of::<[f32; 2]>()),
+        "colors" => (mesh.colors.len(), size_of::<[u16; 4]>()),
+        _ => return None,
+    };
+    Some(count.max(1) * each)
+}
+
+/// Bytes of what rays walk, of all buffers: nodes, vertices in leaf order, and what hits need to know of a triangle.
+pub fn tree_bytes(buffers: &[BufferBytes]) -> usize {
+    let tree = ["nodes", "compact nodes", "leaves", "triangles"];
+    buffers.iter().filter(|buffer| tree.contains(&buffer.name)).map(|buffer| buffer.bytes).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use glam::{Vec2, Vec3, Vec4};
+
+    use super::*;
+    use crate::scene::Features;
+    use crate::scene::generate::demo;
+    use crate::trace::Traversal;
+
+    /// The demo scene, alone and with all that a mesh can have.
+    #[test]
+    fn counted_buffers_are_as_large_as_packed_ones() {
+        let light = Environment::constant(Vec3::ONE);
+        let plain = Scene::from_glb(Path::new("demo"), &demo::generate()).unwrap();
+        let mut full = plain.clone();
+        let vertices = full.mesh.positions.len();
+        full.mesh.uvs = [vec![Vec2::ZERO; vertices], vec![Vec2::ONE; vertices]];
+        full.mesh.tangents = vec![Vec4::X; vertices];
+        full.mesh.colors = vec![Vec4::splat(0.5); vertices];
+        let features = Features::required_by(&full, &light);
+        assert!(features.textures && features.normal_maps && features.vertex_colors);
+        for scene in [plain, full] {
+            let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+            let packed = SceneData::pack(&scene, &bvh, &light).unwrap();
+            for traversals in Traversal::ALL.map(Traversals::from) {
+                let counted = SceneData::count(&scene, &bvh, &light, traversals).unwrap();
+                assert_eq!(counted, packed.bytes(traversals));
+                assert!(tree_bytes(&counted) > scene.mesh.triangles.len() * 52);
+            }
+        }
+    }
+}
