@@ -47,6 +47,11 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
 /// The scene in the bytes of an OBJ file.
 pub fn read(bytes: Vec<u8>, folder: &Folder, options: &LoadOptions) -> Outcome<Scene> {
     let text = text::tidy(bytes);
+    if let Some(line) = text::lost_corner(&text) {
+        return Err(format!(
+            "line {line} cannot be read (a corner's number leads to no vertex); export the scene again"
+        ));
+    }
     options.budget.plan_triangles(text::triangles(&text))?;
     let mut warnings = Vec::new();
     let (models, materials) = parse(&text, folder, options, &mut warnings)?;

@@ -33,6 +33,8 @@ const FARTHEST: f64 = 2.5;
 /// The largest picture, in halves of the panel, and the most that a lens stretches.
 const MOST_SCALE: f64 = 4.0;
 const MOST_STRETCH: f64 = 50.0;
+/// The most pixels of a panel's side: at the largest scale a picture's sides are as long as devices promise images of.
+const MOST_PIXELS: u32 = 4096;
 
 /// One of the two eyes, and the half of the panel before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +84,8 @@ impl Optics {
             (optics.size, optics.lens_separation) = ([width, height], separation);
         }
         let [across, down] = info.resolution.map(u32::from);
-        if kind >= 1 && (320..=8192).contains(&across) && across % 2 == 0 && (240..=8192).contains(&down) {
+        let sides = (320..=MOST_PIXELS).contains(&across) && (240..=MOST_PIXELS).contains(&down);
+        if kind >= 1 && sides && across % 2 == 0 {
             optics.pixels = [across, down];
         }
         let own: [f64; 4] = std::array::from_fn(|i| f64::from(info.distortion[i]));

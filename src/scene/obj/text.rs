@@ -26,6 +26,38 @@ pub fn triangles(text: &str) -> u64 {
         .sum()
 }
 
+/// The first line, from 1, with a corner that counts back beyond the first vertex, or has a number that no vertex can
+/// have: tobj computes with these before it looks whether they are there.
+pub fn lost_corner(text: &str) -> Option<usize> {
+    // Positions, texture coordinates and normals so far.
+    let mut known = [0; 3];
+    for (place, line) in text.lines().enumerate() {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") => known[0] += 1,
+            Some("vt") => known[1] += 1,
+            Some("vn") => known[2] += 1,
+            Some("f" | "l") => {
+                let is_lost =
+                    |corner: &str| corner.split('/').zip(known).any(|(number, known)| is_lost(number, known));
+                if words.any(is_lost) {
+                    return Some(place + 1);
+                }
+            }
+            _ => {}
+        }
+    }
+    None
+}
+
+fn is_lost(number: &str, known: u64) -> bool {
+    match number.strip_prefix('-') {
+        Some(back) => back.parse::<u64>().is_ok_and(|back| back > known),
+        // Ten digits are the most that matter.
+        None => number.len() > 9 && number.parse::<u64>().is_ok_and(|number| number > u64::from(u32::MAX)),
+    }
+}
+
 /// Reads a text and tells how far it is.
 pub struct Lines<'a> {
     rest: &'a [u8],
@@ -77,6 +109,19 @@ mod tests {
     fn continued_lines_become_one_and_other_encodings_are_read() {
         assert_eq!(tidy(b"f 1 2 \\\n 3\nv 1".to_vec()), "f 1 2   3\nv 1");
         assert_eq!(tidy(b"usemtl Stra\xDFe\n".to_vec()), "usemtl Stra\u{DF}e\n");
+    }
+
+    #[test]
+    fn corners_that_no_vertex_can_be_are_found() {
+        let vertices = "v 0 0 0\nv 1 0 0\nvt 0 0\n";
+        for good in
+            ["f 1 2 3", "f -1 -2 99", "f 1/-1 2//7 3", "l 1 -2", "f 4294967295 1 1", "#f -9", "f x -y"]
+        {
+            assert_eq!(lost_corner(&format!("{vertices}{good}")), None, "{good}");
+        }
+        for lost in ["f 1 2 -3", "f 1/-2 2 2", "  f 1 1//-1 2", "l -3 1", "f 4294967296 1 1"] {
+            assert_eq!(lost_corner(&format!("{vertices}{lost}\nv 0 0 0")), Some(4), "{lost}");
+        }
     }
 
     #[test]
