@@ -94,7 +94,7 @@ fn after_gaps_tilt_and_yaw_are_found_soon() {
     let rows = [
         ("0.3 s, body turns 60 to 90 degrees", Gaps { length: 0.3, turned: [60.0, 90.0], ..usual }, 1.5),
         ("2 s, body turns 130 to 180 degrees", usual, 1.0),
-        ("the same, restless head", Gaps { restless: true, ..usual }, 4.0),
+        ("the same, restless head", Gaps { restless: true, ..usual }, 2.5),
         ("20 s, any turn", Gaps { length: 20.0, turned: [0.0, 360.0], count: 4, ..usual }, 1.5),
         ("80 s, any turn", Gaps { length: 80.0, turned: [0.0, 360.0], count: 2, ..usual }, 1.5),
     ];

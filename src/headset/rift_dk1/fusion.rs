@@ -232,6 +232,7 @@ impl Fusion {
         let doubt = seconds * (change + tuning::HEAD_ACCELERATION * seconds / 8.0);
         self.state.add_doubt(doubt.min(1.0));
         if missing > tuning::LONG_HOLE {
+            self.tilt.suspect();
             self.yaw.suspect();
         }
         self.predictor.add(self.state.corrected(next), filled);

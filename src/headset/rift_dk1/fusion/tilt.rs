@@ -2,10 +2,12 @@
 //!
 //! Specific force is averaged in the world frame, where a head's own acceleration averages to
 //! nothing and turning does not smear gravity; how far a window is trusted follows from how the head
-//! moved in it, with the tracker on a lever of some 15 cm about the neck.
+//! moved in it, with the tracker on a lever of some 15 cm about the neck. While tilt is in doubt after a gap, what
+//! that lever makes of the head's turning is taken off first.
 
 use super::state::{SIZE, State, TURN};
 use super::tuning;
+use crate::headset::rift_dk1::optics::NECK_TO_EYE;
 use glam::DVec3;
 
 /// Seconds of one window.
@@ -15,6 +17,13 @@ const LEVER: f64 = 0.16;
 /// Standard deviation of a window's mean in a head that rests and in one that may be leaning, m/s^2.
 const RESTING: f64 = 0.06;
 const LEANING: f64 = 0.35;
+/// The same of a head that may be leaning, without what its turning does, m/s^2.
+const LEANING_ALONE: f64 = 0.25;
+/// Doubt about tilt from which the lever's part is taken off, rad: what is left of it, since necks differ, would wear on
+/// a tilt that is known.
+const DOUBTED: f64 = 0.01;
+/// Seconds after a hole for which that is done.
+const SUSPICION: f64 = 10.0;
 /// Change of the mean between windows below which a head rests, m/s^2.
 const CHANGE_AT_REST: f64 = 0.07;
 /// Windows at rest before rest is believed.
@@ -39,15 +48,24 @@ pub struct Tilt {
     length_squared: f64,
     rate_squared: f64,
     first_rate: DVec3,
+    /// Of the tracker about the neck, m/s, world frame.
+    first_velocity: DVec3,
     time: f64,
     clipped: bool,
     unusable: u32,
     before: DVec3,
     at_rest: u32,
     surprises: u32,
+    /// Seconds for which tilt is suspected after a hole in the stream.
+    suspected_for: f64,
 }
 
 impl Tilt {
+    /// Says that the head may have turned unseen.
+    pub fn suspect(&mut self) {
+        self.suspected_for = SUSPICION;
+    }
+
     /// Takes up `seconds` of specific force (m/s^2, body frame) at a corrected rate (rad/s).
     ///
     /// True when a window was used. A force of exactly zero is a sample that the firmware lost.
@@ -57,6 +75,7 @@ impl Tilt {
         }
         if self.time == 0.0 {
             self.first_rate = rate;
+            self.first_velocity = velocity(state, rate);
         }
         let length = force.length();
         self.sum += state.world_from_body * force * seconds;
@@ -74,6 +93,7 @@ impl Tilt {
             at_rest: self.at_rest,
             unusable: self.unusable,
             surprises: self.surprises,
+            suspected_for: (self.suspected_for - self.time).max(0.0),
             ..Tilt::default()
         };
         used
@@ -85,7 +105,13 @@ impl Tilt {
     }
 
     fn close(&mut self, state: &mut State, last_rate: DVec3) -> bool {
-        let mean = self.sum / self.time;
+        state.propagate();
+        let doubt = state.variance_of(TURN) + state.variance_of(TURN + 2);
+        let (mut mean, mut leaning) = (self.sum / self.time, LEANING);
+        if self.suspected_for > 0.0 && doubt > DOUBTED * DOUBTED {
+            mean -= (velocity(state, last_rate) - self.first_velocity) / self.time;
+            leaning = LEANING_ALONE;
+        }
         let mean_length = self.length / self.time;
         let scatter = (self.length_squared / self.time - mean_length * mean_length).max(0.0).sqrt();
         let change = (mean - self.before).length();
@@ -98,12 +124,11 @@ impl Tilt {
         if self.unusable > 0 || scatter > KNOCK {
             return false;
         }
-        let base = if self.resting() { RESTING } else { LEANING };
+        let base = if self.resting() { RESTING } else { leaning };
         let centripetal = LEVER * self.rate_squared / self.time;
         let tangential = LEVER * (last_rate - self.first_rate).length() / self.time;
         let excess = mean.length() - tuning::GRAVITY;
         let variance = [base, 2.0 * centripetal, tangential, 2.0 * excess].map(|s| s * s).iter().sum();
-        state.propagate();
         self.question(state, mean, variance);
         gravity_update(state, mean, variance);
         true
@@ -122,6 +147,11 @@ impl Tilt {
             state.propagate();
         }
     }
+}
+
+/// The tracker's velocity about the neck's pivot at a corrected rate (rad/s), world frame. It sits where the eyes are.
+fn velocity(state: &State, rate: DVec3) -> DVec3 {
+    state.world_from_body * rate.cross(NECK_TO_EYE)
 }
 
 /// With q_true = exp(e) q the force that q takes to the world is g (0, 1, 0) - e x g (0, 1, 0). That is so for small
