@@ -56,6 +56,7 @@ fn variants() -> Vec<(&'static str, Features)> {
                 layers: true,
                 glass: true,
                 glossy: true,
+                instances: false,
             },
         ),
     ]

@@ -15,12 +15,12 @@ static uchar settle_blend(const Scene *scene, const Camera *camera, uint x, uint
 {
     float3 d = camera_ray(camera, x, y), origin = load3(camera->origin), low = load3(camera->origin_low);
     for (uint layer = 0; layer < CLEAR_LAYERS && IS_HIT(hit->triangle); ++layer) {
-        uint packed = scene->triangles[hit->triangle].packed;
+        uint packed = packed_of(scene, hit->triangle);
         if (!(packed & TRIANGLE_ALPHA) || !(scene->materials[TRIANGLE_MATERIAL(packed)].alpha_cutoff < 0.0f))
             return 0;
         Facet f = facet_of(scene, hit->triangle, origin, low);
         float3 w = hit_weights(&f, d);
-        uchar code = (uchar)(clamp(hit_alpha(scene, hit->triangle, packed, w), 0.0f, 1.0f) * 255.0f + 0.5f);
+        uchar code = (uchar)(clamp(hit_alpha(scene, leaf_place(scene, hit->triangle), packed, w), 0.0f, 1.0f) * 255.0f + 0.5f);
         if (code == 255)
             return 0;
         if (code > 0 && !looks_behind(camera, x, y))

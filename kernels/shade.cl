@@ -301,7 +301,7 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     if (s.unlit)
         return;
 #if HAS_NORMAL_MAPS
-    uint material = TRIANGLE_MATERIAL(scene->triangles[hit.triangle].packed);
+    uint material = TRIANGLE_MATERIAL(packed_of(scene, hit.triangle));
     sample->mapped = scene->materials[material].textures[2].texture != NONE;
 #endif
     sample->lit = true;

@@ -127,7 +127,7 @@ static Vectors bases_of(const Scene *scene, const Facet *f, const Group *g)
 // As `mapped_normal`.
 static Vectors mapped_normals(const Scene *scene, const Facet *f, const Group *g, Vectors n)
 {
-    float4 a = scene->tangents[f->index.x], b = scene->tangents[f->index.y], c = scene->tangents[f->index.z];
+    float4 a = tangent_of(scene, f, f->index.x), b = tangent_of(scene, f, f->index.y), c = tangent_of(scene, f, f->index.z);
     Vectors t = units_or(mix_vectors(a.xyz, b.xyz, c.xyz, g->weights), (float3)(0.0f));
     Vectors m = lookups(scene, &f->material->textures[2], &g->at, false);
     float scale = f->material->normal_scale, turned = a.w < 0.0f ? -scale : scale;
@@ -247,7 +247,7 @@ static void describe_layered(const Scene *scene, const Camera *camera, const Sha
         HitRecord hit = hits[pixel];
         if (!IS_HIT(hit.triangle))
             continue;
-        uint packed = scene->triangles[hit.triangle].packed;
+        uint packed = packed_of(scene, hit.triangle);
         __global const Material *material = scene->materials + TRIANGLE_MATERIAL(packed);
         if (!(material->extras & MATERIAL_LAYERED) && !(material->transmission > 0.0f))
             continue;

@@ -28,7 +28,7 @@ static VisibilityRecord describe_surface(const Scene *scene, const Camera *camer
     float3 d = camera_ray(camera, x, y), base;
     Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
                            hit.t * pixel_footprint(camera, (float2)(x, y) + 0.5f));
-    uint packed = scene->triangles[hit.triangle].packed, reflected = 0u;
+    uint packed = packed_of(scene, hit.triangle), reflected = 0u;
     float metallic;
     recorded_colors(&s, &base, &metallic);
 #if HAS_GLOSSY

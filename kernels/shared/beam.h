@@ -67,10 +67,46 @@ static void start_beam(Beam *b, const Origins *o, ulong waiting, uint leader, fl
     b->reach = -least_of(-reach);
 }
 
-// Boxes, by their middles and half sizes, that reach into the beam's span along one of its axes.
-static int8 overlaps(const Beam *b, uint axis, const float8 middle[3], const float8 half_size[3], float8 margin)
+// What boxes meet a beam with, in the world or in an instance.
+typedef struct {
+    // Those across the beam, and along it.
+    float3 axes[3];
+    float3 inverse;
+    const Origins *q;
+#if HAS_INSTANCES
+    Origins turned;
+    float3 least, most;
+#endif
+} BoxBeam;
+
+static void in_world(const Beam *b, BoxBeam *boxes)
 {
-    float3 n = axis < 2u ? b->across[axis] : b->d;
+    boxes->axes[0] = b->across[0];
+    boxes->axes[1] = b->across[1];
+    boxes->axes[2] = b->d;
+    boxes->inverse = b->inverse;
+    boxes->q = &b->q;
+}
+
+static void in_instance(const Scene *scene, uint number, const Beam *b, BoxBeam *boxes)
+{
+#if HAS_INSTANCES
+    __global const Instance *instance = scene->instances + number;
+    turn_point(instance, b->base, 0.0f, b->reach, &boxes->least, &boxes->most);
+    for (uint axis = 0; axis < 3u; ++axis)
+        boxes->axes[axis] = turn_normal(instance, axis < 2u ? b->across[axis] : b->d);
+    float3 d = turn_direction(instance, b->d);
+    boxes->inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    boxes->turned = b->q;
+    for (uint y = 0; y < BEAM_ROWS; ++y)
+        turn_directions(instance, &boxes->turned.x[y], &boxes->turned.y[y], &boxes->turned.z[y]);
+    boxes->q = &boxes->turned;
+#endif
+}
+
+// Boxes, by their middles and half sizes, that reach into the beam's span along one of its axes.
+static int8 overlaps(const Beam *b, uint axis, float3 n, const float8 middle[3], const float8 half_size[3], float8 margin)
+{
     float8 at = fma((float8)n.x, middle[0], fma((float8)n.y, middle[1], n.z * middle[2]));
     float8 reach = fma((float8)fabs(n.x), half_size[0], fma((float8)fabs(n.y), half_size[1], fabs(n.z) * half_size[2])) + margin;
     int8 behind = axis < 2u ? at - reach > b->high[axis] : (int8)(0);
@@ -78,16 +114,22 @@ static int8 overlaps(const Beam *b, uint axis, const float8 middle[3], const flo
     return (at + reach >= b->low[axis]) & ~behind;
 }
 
-static int8 boxes_in_beam(const Beam *b, const float8 planes[6])
+static int8 boxes_in_beam(const Beam *b, const BoxBeam *boxes, uint instance, const float8 planes[6])
 {
     float8 middle[3], half_size[3];
     for (uint axis = 0; axis < 3u; ++axis) {
         middle[axis] = (planes[2u * axis] + planes[2u * axis + 1u]) * 0.5f;
         half_size[axis] = (planes[2u * axis + 1u] - planes[2u * axis]) * 0.5f;
     }
-    float8 margin = (largest(middle[0], middle[1], middle[2]) + largest(half_size[0], half_size[1], half_size[2]) + b->reach) * 1.0e-6f;
-    return overlaps(b, 0u, middle, half_size, margin) & overlaps(b, 1u, middle, half_size, margin) &
-           overlaps(b, 2u, middle, half_size, margin);
+    float8 size = largest(middle[0], middle[1], middle[2]) + largest(half_size[0], half_size[1], half_size[2]);
+#if HAS_INSTANCES
+    // In the world's units.
+    if (instance)
+        size *= 3.0f * max(max(max3(fabs(boxes->axes[0])), max3(fabs(boxes->axes[1]))), max3(fabs(boxes->axes[2])));
+#endif
+    float8 margin = (size + b->reach) * 1.0e-6f;
+    return overlaps(b, 0u, boxes->axes[0], middle, half_size, margin) & overlaps(b, 1u, boxes->axes[1], middle, half_size, margin) &
+           overlaps(b, 2u, boxes->axes[2], middle, half_size, margin);
 }
 
 // Triangles of a leaf whose extent across the beam reaches into it.
@@ -112,15 +154,15 @@ static uint chance_at(float3 origin, uint seed)
 }
 
 // One ray against one leaf from its own origin: for what rounding or alpha leaves open.
-static bool intersect_leaf_single(const Scene *scene, const Beam *b, uint first, uint n, uint ray, uint seed)
+static bool intersect_leaf_single(const Scene *scene, const Within *within, const Beam *b, uint first, uint n, uint ray, uint seed)
 {
     float3 q = origin_of(b, ray);
     Leaf leaf;
-    load_leaf(scene->leaves + 9u * first, n, b->base, q, &leaf);
+    load_leaf(scene, within, first, n, b->base, q, &leaf);
     load_planes(&leaf);
     float t_max = INFINITY;
     uint triangle;
-    return intersect_leaf(scene, &leaf, first, n, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed));
+    return intersect_leaf(scene, within, &leaf, first, n, b->d, &t_max, &triangle, ANY, chance_at(b->base + q, seed));
 }
 
 // Intersects one triangle with all rays that are still lit; `open` gets those that need `intersect_leaf_single`.
@@ -165,10 +207,11 @@ static ulong intersect_beam_lane(const Leaf *l, uint lane, const Beam *b, ulong 
     return hits;
 }
 
-static ulong intersect_leaf_with_beam(const Scene *scene, const Beam *b, uint first, uint n, ulong lit, uint seed)
+static ulong intersect_leaf_with_beam(const Scene *scene, const Within *within, const Beam *b, uint first, uint n, ulong lit,
+                                      uint seed)
 {
     Leaf leaf;
-    load_leaf(scene->leaves + 9u * first, n, b->base, 0.0f, &leaf);
+    load_leaf(scene, within, first, n, b->base, 0.0f, &leaf);
     int8 lanes = triangles_in_beam(b, &leaf) & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
     ulong left = as_ulong(convert_char8(lanes)), open = 0ul, hits = 0ul;
     while (left) {
@@ -179,7 +222,7 @@ static ulong intersect_leaf_with_beam(const Scene *scene, const Beam *b, uint fi
     }
     for (open &= ~hits; open; open &= open - 1ul) {
         uint ray = lowest_bit64(open);
-        if (intersect_leaf_single(scene, b, first, n, ray, seed))
+        if (intersect_leaf_single(scene, within, b, first, n, ray, seed))
             hits |= 1ul << ray;
     }
     return hits;
@@ -210,7 +253,7 @@ static void narrow(float lower, float upper, float16 q, float inverse, float16 *
 }
 
 // Whether a ray that is still lit enters a box.
-static bool enters(const Beam *b, const float8 planes[6], uint lane, ulong lit)
+static bool enters(const BoxBeam *b, const float8 planes[6], uint lane, ulong lit)
 {
     const float *bounds = (const float *)planes + lane;
     for (uint y = 0; y < BEAM_ROWS; ++y) {
@@ -218,9 +261,9 @@ static bool enters(const Beam *b, const float8 planes[6], uint lane, ulong lit)
         if (!row_lit)
             continue;
         float16 enter = 0.0f, leave = INFINITY;
-        narrow(bounds[0], bounds[8], b->q.x[y], b->inverse.x, &enter, &leave);
-        narrow(bounds[16], bounds[24], b->q.y[y], b->inverse.y, &enter, &leave);
-        narrow(bounds[32], bounds[40], b->q.z[y], b->inverse.z, &enter, &leave);
+        narrow(bounds[0], bounds[8], b->q->x[y], b->inverse.x, &enter, &leave);
+        narrow(bounds[16], bounds[24], b->q->y[y], b->inverse.y, &enter, &leave);
+        narrow(bounds[32], bounds[40], b->q->z[y], b->inverse.z, &enter, &leave);
         if (lanes_of16(enter <= leave * SLAB_WIDENING) & row_lit)
             return true;
     }
@@ -234,19 +277,31 @@ CALLED static ulong trace_beam(const Scene *scene, const Beam *b, uint seed)
     uint depth = 1;
     stack[0] = 0u;
     ulong lit = b->rays;
+    Within within = {0u, 0u};
+    BoxBeam boxes;
+    in_world(b, &boxes);
     while (depth && lit) {
         uint link = stack[--depth];
+        if (leaves_instance(depth, &within))
+            in_world(b, &boxes);
         if (link & LEAF) {
-            lit &= ~intersect_leaf_with_beam(scene, b, link & 0x0fffffffu, (link >> 28 & 7u) + 1u, lit, seed);
+            lit &= ~intersect_leaf_with_beam(scene, &within, b, link & 0x0fffffffu, (link >> 28 & 7u) + 1u, lit, seed);
             continue;
         }
         __global const WideNode *node = scene->nodes + link;
+        if (enters_instance(scene, &node, depth, &within))
+            in_instance(scene, within.instance, b, &boxes);
         float8 planes[6];
-        box_planes(node, b->base, 0.0f, planes);
-        ulong left = as_ulong(convert_char8(boxes_in_beam(b, planes)));
+#if HAS_INSTANCES
+        if (within.instance)
+            turned_planes(node, boxes.least, boxes.most, planes);
+        else
+#endif
+            box_planes(node, b->base, 0.0f, planes);
+        ulong left = as_ulong(convert_char8(boxes_in_beam(b, &boxes, within.instance, planes)));
         while (left) {
             uint child = take_lane(&left);
-            if (node->children[child] != EMPTY && enters(b, planes, child, lit))
+            if (node->children[child] != EMPTY && enters(&boxes, planes, child, lit))
                 stack[depth++] = node->children[child];
         }
     }

@@ -133,7 +133,7 @@ static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, fl
 static float3 side_of(const Scene *scene, uint place, float3 d)
 {
     float3 v[3];
-    triangle_corners(scene, place, scene->triangles[place].packed, v);
+    triangle_corners(scene, place, v);
     float3 n = unit_or(careful_cross(v[1] - v[0], v[2] - v[0]), -d);
     return dot3(n, d) > 0.0f ? -n : n;
 }

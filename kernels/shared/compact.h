@@ -19,12 +19,21 @@ static float3 leaf_corner(__global const float *row, uint n, float3 origin, floa
     return ((float3)(row[0], row[n], row[2u * n]) - origin) - low;
 }
 
+static float3 corner_of(const Scene *scene, const Within *within, __global const float *row, uint n, float3 origin, float3 low)
+{
+#if HAS_INSTANCES
+    if (within->instance)
+        return (placed(scene->instances + within->instance, (float3)(row[0], row[n], row[2u * n])) - origin) - low;
+#endif
+    return leaf_corner(row, n, origin, low);
+}
+
 // Tests one triangle of a leaf of n: true where it is hit (ANY), or a hit nearer than t_max was stored.
-INLINED static bool intersect_triangle(const Scene *scene, uint place, __global const float *row, uint n, float3 origin, float3 low,
+INLINED static bool intersect_triangle(const Scene *scene, const Within *within, uint place, __global const float *row, uint n, float3 origin, float3 low,
                           float3 d, float *t_max, uint *triangle, uint kind, uint seed)
 {
-    float3 a = leaf_corner(row, n, origin, low), b = leaf_corner(row + 3u * n, n, origin, low);
-    float3 c = leaf_corner(row + 6u * n, n, origin, low);
+    float3 a = corner_of(scene, within, row, n, origin, low), b = corner_of(scene, within, row + 3u * n, n, origin, low);
+    float3 c = corner_of(scene, within, row + 6u * n, n, origin, low);
     float3 e = c - b, f = a - c, g = b - a;
     float3 volumes = (float3)(dot3(d, plain_cross(e, c + b)), dot3(d, plain_cross(f, a + c)), dot3(d, plain_cross(g, b + a)));
     float edge = max(max(max3(fabs(e)), max3(fabs(f))), max3(fabs(g)));
@@ -57,15 +66,15 @@ INLINED static bool intersect_triangle(const Scene *scene, uint place, __global 
         return false;
     }
     *t_max = distance;
-    *triangle = place;
+    *triangle = number_of(scene, within, place);
     return true;
 }
 
-// Where the ray enters and leaves the slabs of eight boxes along one axis.
-static void cross_slabs(__global const uint *lower, __global const uint *upper, float at, float step, float inverse,
+// Where the ray enters and leaves the slabs of eight boxes along one axis, which are wider by `around`.
+static void cross_slabs(__global const uint *lower, __global const uint *upper, float at, float around, float step, float inverse,
                         float8 *enter, float8 *leave)
 {
-    float margin = copysign(fabs(at) * PLANE_ERROR, inverse);
+    float margin = copysign(fabs(at) * PLANE_ERROR + around, inverse);
     float8 low = convert_float8(as_uchar8(vload2(0, lower))), high = convert_float8(as_uchar8(vload2(0, upper)));
     bool turned = inverse < 0.0f;
     float8 near = turned ? high : low, far = turned ? low : high;
@@ -74,13 +83,14 @@ static void cross_slabs(__global const uint *lower, __global const uint *upper, 
 }
 
 // Where the ray enters one box of a node, as cross_slabs finds it.
-static float child_entry(__global const CompactNode *node, uint child, float3 at, float3 inverse)
+static float child_entry(__global const CompactNode *node, uint child, float3 at, float3 around, float3 inverse)
 {
     float entry = 0.0f;
     for (uint axis = 0; axis < 3u; ++axis) {
         float one_over = axis == 0u ? inverse.x : axis == 1u ? inverse.y : inverse.z;
         float from = axis == 0u ? at.x : axis == 1u ? at.y : at.z;
-        from -= copysign(fabs(from) * PLANE_ERROR, one_over);
+        float margin = axis == 0u ? around.x : axis == 1u ? around.y : around.z;
+        from -= copysign(fabs(from) * PLANE_ERROR + margin, one_over);
         uint words = one_over < 0.0f ? node->upper[axis][child >> 2] : node->lower[axis][child >> 2];
         float near = convert_float(words >> (8u * (child & 3u)) & 255u);
         float step = as_float((node->exponents >> (8u * axis) & 255u) << 23);
@@ -94,13 +104,13 @@ static float child_entry(__global const CompactNode *node, uint child, float3 at
 #define IN_ORDER(a, b) { uint less = min(key[a], key[b]); key[b] = max(key[a], key[b]); key[a] = less; }
 
 // The children that the ray enters before it ends, the nearest first: four bits each, the lowest first, 8 | child.
-static uint entered_children(__global const CompactNode *node, float3 at, float3 inverse, float t_max)
+static uint entered_children(__global const CompactNode *node, float3 at, float3 around, float3 inverse, float t_max)
 {
     float8 enter = 0.0f, leave = t_max;
     uint exponents = node->exponents;
-    cross_slabs(node->lower[0], node->upper[0], at.x, as_float((exponents & 255u) << 23), inverse.x, &enter, &leave);
-    cross_slabs(node->lower[1], node->upper[1], at.y, as_float((exponents >> 8 & 255u) << 23), inverse.y, &enter, &leave);
-    cross_slabs(node->lower[2], node->upper[2], at.z, as_float((exponents >> 16 & 255u) << 23), inverse.z, &enter, &leave);
+    cross_slabs(node->lower[0], node->upper[0], at.x, around.x, as_float((exponents & 255u) << 23), inverse.x, &enter, &leave);
+    cross_slabs(node->lower[1], node->upper[1], at.y, around.y, as_float((exponents >> 8 & 255u) << 23), inverse.y, &enter, &leave);
+    cross_slabs(node->lower[2], node->upper[2], at.z, around.z, as_float((exponents >> 16 & 255u) << 23), inverse.z, &enter, &leave);
     leave *= SLAB_WIDENING;
     uint8 all = (uint8)(0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u);
     uint8 kinds = convert_uint8(as_uchar8(vload2(0, node->kinds)));
@@ -133,18 +143,73 @@ static uint child_link(__global const CompactNode *node, uint child)
     return LEAF | (kind - 1u) << 28 | (node->first_triangle + (uint)((before - inner * INNER) * BYTES_OF_ONE >> 56));
 }
 
+// A ray as boxes meet it, in the world or in an instance: where it starts, how much wider boxes are for rounding, and its
+// inverse direction.
+typedef struct {
+    float3 origin, low, around, inverse;
+} BoxRay;
+
+static BoxRay box_ray(const Scene *scene, uint instance, float3 origin, float3 low, float3 d)
+{
+    BoxRay r = {origin, low, 0.0f, 0.0f};
+#if HAS_INSTANCES
+    if (instance) {
+        float3 least, most;
+        turn_point(scene->instances + instance, origin, low, 0.0f, &least, &most);
+        d = turn_direction(scene->instances + instance, d);
+        r.origin = (least + most) * 0.5f;
+        r.low = 0.0f;
+        r.around = (least - most) * 0.75f;
+    }
+#endif
+    r.inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    return r;
+}
+
+static float3 node_seen(__global const CompactNode *node, const BoxRay *ray) { return (gload3(node->origin) - ray->origin) - ray->low; }
+
+// Comes into an instance where a node is the door to one, and goes on to the root of its shape: true then.
+static bool enters_instance(const Scene *scene, uint *link, uint depth, Within *within)
+{
+#if HAS_INSTANCES
+    __global const CompactNode *node = scene->nodes + *link;
+    if (node->exponents == PORTAL) {
+        within->instance = node->first_node;
+        within->floor = depth;
+        *link = scene->instances[within->instance].root;
+        return true;
+    }
+#endif
+    return false;
+}
+
+// Back to the world, where what is taken from the stack was there before the instance was entered: true then.
+static bool leaves_instance(uint depth, Within *within)
+{
+#if HAS_INSTANCES
+    if (depth < within->floor) {
+        within->instance = within->floor = 0u;
+        return true;
+    }
+#endif
+    return false;
+}
+
 // Finds the nearest hit (CLOSEST_FRONT) or whether there is any: true where there is one. A level of the tree waits in
 // one entry of the stack (after Ylitie, Karras and Laine 2017): its node, and the children that are left of it.
 CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max, uint *triangle, uint kind, uint seed)
 {
     uint2 stack[STACK_LEVELS];
     uint depth = 0, link = 0;
-    float3 inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    BoxRay ray = box_ray(scene, 0u, origin, low, d);
     bool found = false;
+    Within within = {0u, 0u};
     for (;;) {
+        if (enters_instance(scene, &link, depth, &within))
+            ray = box_ray(scene, within.instance, origin, low, d);
         __global const CompactNode *node = scene->nodes + link;
         float met = *t_max;
-        uint waiting = entered_children(node, (gload3(node->origin) - origin) - low, inverse, met);
+        uint waiting = entered_children(node, node_seen(node, &ray), ray.around, ray.inverse, met);
         for (;;) {
             if (!waiting) {
                 if (!depth)
@@ -152,13 +217,15 @@ CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 l
                 --depth;
                 link = stack[depth].x;
                 waiting = stack[depth].y;
+                if (leaves_instance(depth, &within))
+                    ray = box_ray(scene, 0u, origin, low, d);
                 node = scene->nodes + link;
                 // Something nearer may have been hit since.
                 met = INFINITY;
             }
             uint child = waiting & 7u;
             waiting >>= 4;
-            if (*t_max < met && child_entry(node, child, (gload3(node->origin) - origin) - low, inverse) > *t_max * SLAB_WIDENING)
+            if (*t_max < met && child_entry(node, child, node_seen(node, &ray), ray.around, ray.inverse) > *t_max * SLAB_WIDENING)
                 continue;
             uint to = child_link(node, child);
             if (!(to & LEAF)) {
@@ -169,7 +236,7 @@ CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 l
             }
             uint first = to & 0x0fffffffu, n = (to >> 28 & 7u) + 1u;
             for (uint lane = 0; lane < n; ++lane)
-                if (intersect_triangle(scene, first + lane, scene->leaves + 9u * first + lane, n, origin, low, d, t_max, triangle, kind, seed)) {
+                if (intersect_triangle(scene, &within, first + lane, scene->leaves + 9u * first + lane, n, origin, low, d, t_max, triangle, kind, seed)) {
                     found = true;
                     if (kind == ANY)
                         return true;

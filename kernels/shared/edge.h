@@ -42,9 +42,9 @@ typedef struct {
 
 static Flat flat_seen(const Scene *scene, const Camera *camera, const Seen *s)
 {
-    uint packed = scene->triangles[s->triangle].packed;
+    uint packed = packed_of(scene, s->triangle);
     float3 v[3];
-    triangle_corners(scene, s->triangle, packed, v);
+    triangle_corners(scene, s->triangle, v);
     float3 a = (v[0] - load3(camera->origin)) - load3(camera->origin_low);
     float3 n = unit_or(cross(v[1] - v[0], v[2] - v[0]), -s->d);
     n = dot3(n, s->d) > 0.0f ? -n : n;

@@ -147,8 +147,8 @@ static float3 emitted_by(const Scene *scene, uint place, float3 origin, float3 d
     Facet f = facet_of(scene, place, origin, 0.0f);
     Spot spot = spot_on(scene, &f, d, 0.05f * t);
 #if HAS_ALPHA
-    uint packed = scene->triangles[place].packed;
-    if (packed & TRIANGLE_ALPHA && alpha_passes(scene, place, packed, spot.weights, d, CLOSEST_FRONT, seed))
+    uint packed = packed_of(scene, place);
+    if (packed & TRIANGLE_ALPHA && alpha_passes(scene, leaf_place(scene, place), packed, spot.weights, d, CLOSEST_FRONT, seed))
         return 0.0f;
 #endif
     return f.material->unlit ? base_at(scene, &spot) : emission_at(scene, &spot);

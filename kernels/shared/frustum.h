@@ -47,6 +47,7 @@ static Plane plane_along(float3 normal)
     return plane;
 }
 
+#if !SINGLE_RAYS
 // A box's lower and upper bounds relative to the origin: x, y, z in turn.
 static void box_planes(__global const WideNode *node, float3 origin, float3 low, float8 planes[6])
 {
@@ -57,6 +58,18 @@ static void box_planes(__global const WideNode *node, float3 origin, float3 low,
     planes[4] = relative(node->lower[2], origin.z, low.z);
     planes[5] = relative(node->upper[2], origin.z, low.z);
 }
+
+#if HAS_INSTANCES
+// The same of a shape's node, relative to what `turn_point` tells.
+static void turned_planes(__global const WideNode *node, float3 least, float3 most, float8 planes[6])
+{
+    for (uint axis = 0; axis < 3u; ++axis) {
+        planes[2u * axis] = vload8(0, node->lower[axis]) - ((const float *)&least)[axis];
+        planes[2u * axis + 1u] = vload8(0, node->upper[axis]) - ((const float *)&most)[axis];
+    }
+}
+#endif
+#endif
 
 // For each box its largest distance along a plane's normal.
 static float8 along(const Plane *plane, const float8 planes[6])
@@ -188,8 +201,9 @@ static int8 lanes_in_frustum(const Leaf *l, const Block *b)
 }
 
 // Intersects one triangle of a leaf with all rays; returns those on which `intersect_leaf` has to decide.
-static ulong intersect_lane(const Scene *scene, const Leaf *l, uint lane, uint place, Block *b)
+static ulong intersect_lane(const Scene *scene, const Within *within, const Leaf *l, uint lane, uint place, Block *b)
 {
+    uint triangle = number_of(scene, within, place);
     const float *row = (const float *)l;
     float ux = row[72 + lane], uy = row[80 + lane], uz = row[88 + lane];
     float vx = row[96 + lane], vy = row[104 + lane], vz = row[112 + lane];
@@ -216,7 +230,7 @@ static ulong intersect_lane(const Scene *scene, const Leaf *l, uint lane, uint p
         // The volumes of a front face are positive, and so is their sum.
         int16 hit = inside & sure & in_range & ~doubtful & ((u + v + w >= 0.0f) | both_sides);
         b->t_max[y] = select(b->t_max[y], t, hit);
-        b->triangle[y] = select(b->triangle[y], (uint16)place, hit);
+        b->triangle[y] = select(b->triangle[y], (uint16)triangle, hit);
         if (some16(open)) {
             ulong2 bits = (as_ulong2(convert_char16(open)) & 0x8040201008040201ul) * 0x0101010101010101ul >> 56;
             open_rays |= (bits.x | bits.y << 8) << (2u * BLOCK * y);
@@ -226,7 +240,7 @@ static ulong intersect_lane(const Scene *scene, const Leaf *l, uint lane, uint p
 }
 
 // The camera rays of a block meet a leaf.
-static void intersect_leaf_with_block(const Scene *scene, Leaf *leaf, uint first, uint n, Block *b, uint seed)
+static void intersect_leaf_with_block(const Scene *scene, const Within *within, Leaf *leaf, uint first, uint n, Block *b, uint seed)
 {
     int8 lanes = lanes_in_frustum(leaf, b) & ((int8)(0, 1, 2, 3, 4, 5, 6, 7) < (int8)n);
     ulong left = as_ulong(convert_char8(lanes)), open = 0ul;
@@ -235,12 +249,12 @@ static void intersect_leaf_with_block(const Scene *scene, Leaf *leaf, uint first
     load_planes(leaf);
     while (left) {
         uint lane = take_lane(&left);
-        open |= intersect_lane(scene, leaf, lane, first + lane, b);
+        open |= intersect_lane(scene, within, leaf, lane, first + lane, b);
     }
     while (open) {
         uint i = lowest_bit64(open);
         open &= open - 1ul;
-        intersect_leaf(scene, leaf, first, n, block_ray(b, i), (float *)b->t_max + i, (uint *)b->triangle + i, SEEN, seed);
+        intersect_leaf(scene, within, leaf, first, n, block_ray(b, i), (float *)b->t_max + i, (uint *)b->triangle + i, SEEN, seed);
     }
 }
 
@@ -264,7 +278,31 @@ typedef struct {
     float far;
     // What is visited next.
     uint link;
+    Within within;
+#if HAS_INSTANCES
+    // In an instance: the frustum's sides, and what planes of boxes are relative to.
+    Plane sides[4];
+    float3 least, most;
+#endif
 } BlockWalk;
+
+// What boxes are met with in an instance.
+static void turn_walk(const Scene *scene, float3 origin, float3 low, const Block *b, BlockWalk *w)
+{
+#if HAS_INSTANCES
+    __global const Instance *instance = scene->instances + w->within.instance;
+    turn_point(instance, origin, low, 0.0f, &w->least, &w->most);
+    for (uint side = 0; side < 4u; ++side)
+        w->sides[side] = plane_along(turn_normal(instance, b->sides[side].normal));
+    for (uint y = 0; y < b->pairs; ++y) {
+        float16 x = b->dx[y], up = b->dy[y], z = b->dz[y];
+        turn_directions(instance, &x, &up, &z);
+        w->inverse.x[y] = safe_inverses(x);
+        w->inverse.y[y] = safe_inverses(up);
+        w->inverse.z[y] = safe_inverses(z);
+    }
+#endif
+}
 
 static void begin_walk(const Block *b, BlockWalk *w)
 {
@@ -272,14 +310,17 @@ static void begin_walk(const Block *b, BlockWalk *w)
     w->depth = 0;
     w->far = INFINITY;
     w->link = 0u;
+    w->within.instance = w->within.floor = 0u;
 }
 
 // Takes the next entry that rays still reach; false where there is none.
-static bool take_entry(BlockWalk *w)
+static bool take_entry(const Block *b, BlockWalk *w)
 {
     while (w->depth) {
         --w->depth;
         w->link = w->links[w->depth];
+        if (leaves_instance(w->depth, &w->within))
+            invert_directions(b, &w->inverse);
         if (!(w->entries[w->depth] > w->far * SLAB_WIDENING))
             return true;
     }
@@ -292,16 +333,25 @@ static void visit_entry(const Scene *scene, float3 origin, float3 low, Block *b,
     if (link & LEAF) {
         uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
         Leaf leaf;
-        load_leaf(scene->leaves + 9u * first, n, origin, low, &leaf);
-        intersect_leaf_with_block(scene, &leaf, first, n, b, seed);
+        load_leaf(scene, &w->within, first, n, origin, low, &leaf);
+        intersect_leaf_with_block(scene, &w->within, &leaf, first, n, b, seed);
         w->far = farthest(b);
         return;
     }
     __global const WideNode *node = scene->nodes + link;
+    if (enters_instance(scene, &node, w->depth, &w->within))
+        turn_walk(scene, origin, low, b, w);
     float8 planes[6];
-    box_planes(node, origin, low, planes);
-    float8 within = min(min(along(&b->sides[0], planes), along(&b->sides[1], planes)),
-                        min(along(&b->sides[2], planes), along(&b->sides[3], planes)));
+    const Plane *sides = b->sides;
+#if HAS_INSTANCES
+    if (w->within.instance) {
+        turned_planes(node, w->least, w->most, planes);
+        sides = w->sides;
+    } else
+#endif
+        box_planes(node, origin, low, planes);
+    float8 within = min(min(along(&sides[0], planes), along(&sides[1], planes)),
+                        min(along(&sides[2], planes), along(&sides[3], planes)));
     ulong left = as_ulong(convert_char8(within >= 0.0f));
     uint base = w->depth, depth = base;
     while (left) {
@@ -331,7 +381,7 @@ CALLED static void trace_block(const Scene *scene, float3 origin, float3 low, Bl
     begin_walk(b, &w);
     do
         visit_entry(scene, origin, low, b, &w, seed);
-    while (take_entry(&w));
+    while (take_entry(b, &w));
 }
 
 // The same for several blocks, which take turns as streams do in `occluded_streams`.
@@ -346,7 +396,7 @@ CALLED static void trace_blocks(const Scene *scene, float3 origin, float3 low, B
         for (uint turn = 0; turn < BLOCKS; ++turn) {
             uint other = (turn + BLOCKS / 2u) % BLOCKS;
             if (visited >> other & 1u) {
-                if (!take_entry(&walks[other]))
+                if (!take_entry(&blocks[other], &walks[other]))
                     alive &= ~(1u << other);
                 visited &= ~(1u << other);
             }

@@ -64,7 +64,7 @@ static bool follow_glass(const Scene *scene, Onward *on, const Surface *from, ui
             return false;
         if (inside)
             on->throughput *= exp(-attenuation * *t);
-        if (!(scene->materials[TRIANGLE_MATERIAL(scene->triangles[*place].packed)].transmission > 0.0f))
+        if (!(scene->materials[TRIANGLE_MATERIAL(packed_of(scene, *place))].transmission > 0.0f))
             return true;
         Surface s = surface_at(scene, *place, on->origin, 0.0f, on->d, 0.0f);
         if (!passes_glass(&s, *seed))

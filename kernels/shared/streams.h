@@ -26,6 +26,11 @@ typedef struct {
     uint depth;
     // What is visited next.
     uint link, active;
+    Within within;
+#if HAS_INSTANCES
+    // What lower and upper planes of boxes are relative to.
+    float3 least, most;
+#endif
 #endif
 } TraversalState;
 
@@ -44,6 +49,17 @@ static void traverse_streams(const Scene *scene, TraversalState *states, uint co
     }
 }
 #else
+// What boxes are met with, in the world or in an instance.
+static void prepare_walk(const Scene *scene, TraversalState *w)
+{
+    prepare_stream(scene, w->within.instance, &w->rays);
+#if HAS_INSTANCES
+    w->least = w->most = w->origin;
+    if (w->within.instance)
+        turn_point(scene->instances + w->within.instance, w->origin, 0.0f, 0.0f, &w->least, &w->most);
+#endif
+}
+
 // The lane of the least value, as a bit; of several the lowest.
 static uint least_lane(float8 values)
 {
@@ -90,6 +106,8 @@ static bool take_next(const Scene *scene, TraversalState *w, uint kind)
     while (depth && !active)
         active = rays_left(w, --depth, kind);
     w->depth = depth;
+    if (leaves_instance(depth, &w->within))
+        prepare_walk(scene, w);
     w->link = w->links[depth];
     w->active = active;
     prefetch_link(scene, w->link);
@@ -100,12 +118,12 @@ static void visit_leaf(const Scene *scene, TraversalState *w, uint kind)
 {
     uint first = w->link & 0x0fffffffu, n = (w->link >> 28 & 7u) + 1u, hits = 0;
     Leaf leaf;
-    load_leaf(scene->leaves + 9u * first, n, w->origin, 0.0f, &leaf);
+    load_leaf(scene, &w->within, first, n, w->origin, 0.0f, &leaf);
     load_planes(&leaf);
     for (uint left = w->active; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
-        if (intersect_leaf(scene, &leaf, first, n, d, &w->rays.t_max[i], &w->rays.triangle[i], kind, w->seed))
+        if (intersect_leaf(scene, &w->within, &leaf, first, n, d, &w->rays.t_max[i], &w->rays.triangle[i], kind, w->seed))
             hits |= 1u << i;
     }
     w->hits |= hits;
@@ -114,8 +132,14 @@ static void visit_leaf(const Scene *scene, TraversalState *w, uint kind)
 static void visit_node(const Scene *scene, TraversalState *w, uint kind)
 {
     __global const WideNode *node = scene->nodes + w->link;
+    if (enters_instance(scene, &node, w->depth, &w->within))
+        prepare_walk(scene, w);
     float8 entry;
-    int8 met = intersect_children(node, w->origin, &w->rays, w->active, &entry);
+#if HAS_INSTANCES
+    int8 met = intersect_children(node, w->least, w->most, &w->rays, w->active, &entry);
+#else
+    int8 met = intersect_children(node, w->origin, w->origin, &w->rays, w->active, &entry);
+#endif
     push_met(w, node, met, entry, kind);
 }
 
@@ -125,9 +149,10 @@ __attribute__((always_inline)) static void traverse_streams(const Scene *scene, 
     uint alive = 0, visited = 0;
     for (uint k = 0; k < count; ++k) {
         TraversalState *w = &states[k];
-        prepare_stream(&w->rays);
         w->hits = 0;
         w->depth = 0;
+        w->within.instance = w->within.floor = 0u;
+        prepare_walk(scene, w);
         w->link = 0;
         w->active = w->mask;
         alive |= (w->mask ? 1u : 0u) << k;

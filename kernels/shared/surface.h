@@ -48,6 +48,9 @@ typedef struct {
     float3 geometric;     // unit, on the front
     float offset;         // how far rays start from it, metres
     uint moves;           // SURFACE_MOVES or 0
+#if HAS_INSTANCES
+    uint instance;        // what places it, or 0
+#endif
 #if HAS_TEXTURES
     float density[2];     // texture coordinates per metre
 #endif
@@ -64,23 +67,48 @@ static float uv_density(__global const float2 *uv, uint3 index, float twice_area
 }
 #endif
 
-static Facet facet_of(const Scene *scene, uint place, float3 origin, float3 low)
+// What a facet's vertices have in their shape's frame, in the world's.
+static float4 tangent_of(const Scene *scene, const Facet *f, uint vertex)
+{
+    float4 tangent = scene->tangents[vertex];
+#if HAS_INSTANCES
+    if (f->instance)
+        tangent.xyz = unit_or(placed_vector(scene->instances + f->instance, tangent.xyz), tangent.xyz);
+#endif
+    return tangent;
+}
+
+static float3 normal_of(const Scene *scene, const Facet *f, uint vertex)
+{
+    float3 n = unpack_normal(scene->normals[vertex]);
+#if HAS_INSTANCES
+    n = f->instance ? placed_normal(scene->instances + f->instance, n) : n;
+#endif
+    return n;
+}
+
+static Facet facet_of(const Scene *scene, uint number, float3 origin, float3 low)
 {
     Facet f;
+    uint place = number, instance = 0u;
+#if HAS_INSTANCES
+    f.instance = instance = instance_of(scene, number);
+    place = place_in(scene, instance, number);
+#endif
     __global const Triangle *triangle = scene->triangles + place;
     uint packed = triangle->packed;
     f.index = (uint3)(triangle->vertices[0], triangle->vertices[1], triangle->vertices[2]);
     f.material = scene->materials + TRIANGLE_MATERIAL(packed);
     f.moves = packed & TRIANGLE_MOVES ? SURFACE_MOVES : 0u;
     float3 *v = f.corners;
-    triangle_corners(scene, place, packed, v);
+    corners_in(scene, instance, place, v);
     float3 a = (v[0] - origin) - low, b = (v[1] - origin) - low, c = (v[2] - origin) - low;
     // Edge by sum of ends, as in traverse.h: the edges come from positions that are not yet rounded.
     f.edges[0] = cross(v[2] - v[1], c + b);
     f.edges[1] = cross(v[0] - v[2], a + c);
     f.edges[2] = cross(v[1] - v[0], b + a);
     for (uint i = 0; i < 3u; ++i)
-        f.normals[i] = unpack_normal(scene->normals[triangle->vertices[i]]);
+        f.normals[i] = normal_of(scene, &f, triangle->vertices[i]);
     float3 e1 = v[1] - v[0], e2 = v[2] - v[0], e3 = v[2] - v[1];
     float l1 = dot3(e1, e1), l2 = dot3(e2, e2), l3 = dot3(e3, e3);
     f.steady = l3 <= l1 && l3 <= l2 ? 0u : l2 <= l1 ? 1u : 2u;
@@ -245,7 +273,8 @@ static float3 bent_normal(const Scene *scene, const Spot *spot, float3 n, uint r
     __global const Material *material = spot->facet->material;
     uint3 index = spot->facet->index;
     float3 w = spot->weights;
-    float4 tangent = scene->tangents[index.x] * w.x + scene->tangents[index.y] * w.y + scene->tangents[index.z] * w.z;
+    const Facet *f = spot->facet;
+    float4 tangent = tangent_of(scene, f, index.x) * w.x + tangent_of(scene, f, index.y) * w.y + tangent_of(scene, f, index.z) * w.z;
     // As MikkTSpace has it: interpolated, and not made orthogonal to the normal again.
     float3 t = unit_or(tangent.xyz, (float3)(0.0f));
     float3 b = cross(n, t) * (scene->tangents[index.x].w < 0.0f ? -1.0f : 1.0f);
@@ -304,7 +333,8 @@ static float3 tangent_at(const Scene *scene, const Spot *spot, float3 n)
         return t;
     uint3 index = spot->facet->index;
     float3 w = spot->weights;
-    float3 given = scene->tangents[index.x].xyz * w.x + scene->tangents[index.y].xyz * w.y + scene->tangents[index.z].xyz * w.z;
+    const Facet *f = spot->facet;
+    float3 given = tangent_of(scene, f, index.x).xyz * w.x + tangent_of(scene, f, index.y).xyz * w.y + tangent_of(scene, f, index.z).xyz * w.z;
     return unit_or(given - n * dot3(given, n), t);
 }
 

@@ -50,13 +50,32 @@ static void set_ray(Stream *s, uint i, float3 d, float t_max)
     s->triangle[i] = NONE;
 }
 
-// Fills in what boxes are met with, for all rays at once.
-static void prepare_stream(Stream *s)
+#if HAS_INSTANCES
+static void turn_directions(__global const Instance *instance, float16 *x, float16 *y, float16 *z)
+{
+    float16 d[3] = {*x, *y, *z}, turned[3];
+    for (uint axis = 0; axis < 3u; ++axis) {
+        __global const float *row = instance->shape_from_world[axis];
+        turned[axis] = fma((float16)row[0], d[0], fma((float16)row[1], d[1], row[2] * d[2]));
+    }
+    *x = turned[0];
+    *y = turned[1];
+    *z = turned[2];
+}
+#endif
+
+// Fills in what boxes are met with, for all rays at once, in the world or in an instance.
+static void prepare_stream(const Scene *scene, uint instance, Stream *s)
 {
     for (uint i = 0; i < 32u; i += 16u) {
-        float16 x = safe_inverses(vload16(0, s->dx + i));
-        float16 y = safe_inverses(vload16(0, s->dy + i));
-        float16 z = safe_inverses(vload16(0, s->dz + i));
+        float16 x = vload16(0, s->dx + i), y = vload16(0, s->dy + i), z = vload16(0, s->dz + i);
+#if HAS_INSTANCES
+        if (instance)
+            turn_directions(scene->instances + instance, &x, &y, &z);
+#endif
+        x = safe_inverses(x);
+        y = safe_inverses(y);
+        z = safe_inverses(z);
         vstore16(x, 0, s->ix + i);
         vstore16(y, 0, s->iy + i);
         vstore16(z, 0, s->iz + i);
@@ -82,16 +101,67 @@ static float8 relative(__global const float *row, float origin, float origin_low
     return (vload8(0, row) - origin) - origin_low;
 }
 
-// For each child the rays of `mask` that meet its box; `entry` gets where the first of these does.
-static int8 intersect_children(__global const WideNode *node, float3 origin, const Stream *s, uint mask, float8 *entry)
+#if HAS_INSTANCES
+// As `placed` in scene.h, eight points at a time along one axis of the world.
+static float8 placed8(__global const float *row, float8 x, float8 y, float8 z)
+{
+    return fma((float8)row[0], x, fma((float8)row[1], y, fma((float8)row[2], z, (float8)row[3])));
+}
+
+// One corner of a leaf's triangles, where it is in the world.
+static void load_corners(const Scene *scene, const Within *within, __global const float *vertices, uint n, float8 *x, float8 *y,
+                         float8 *z)
+{
+    float8 px = vload8(0, vertices), py = vload8(0, vertices + n), pz = vload8(0, vertices + 2u * n);
+    *x = px, *y = py, *z = pz;
+    if (within->instance) {
+        __global const Instance *instance = scene->instances + within->instance;
+        *x = placed8(instance->world_from_shape[0], px, py, pz);
+        *y = placed8(instance->world_from_shape[1], px, py, pz);
+        *z = placed8(instance->world_from_shape[2], px, py, pz);
+    }
+}
+#endif
+
+#if !SINGLE_RAYS
+// Comes into an instance where a node is the door to one, and goes on to the root of its shape: true then.
+static bool enters_instance(const Scene *scene, __global const WideNode **node, uint depth, Within *within)
+{
+#if HAS_INSTANCES
+    if ((*node)->children[0] == PORTAL) {
+        within->instance = (*node)->children[1];
+        within->floor = depth;
+        *node = scene->nodes + scene->instances[within->instance].root;
+        return true;
+    }
+#endif
+    return false;
+}
+
+// Back to the world, where what is taken from the stack was there before the instance was entered: true then.
+static bool leaves_instance(uint depth, Within *within)
+{
+#if HAS_INSTANCES
+    if (depth < within->floor) {
+        within->instance = within->floor = 0u;
+        return true;
+    }
+#endif
+    return false;
+}
+#endif
+
+// For each child the rays of `mask` that meet its box; `entry` gets where the first of these does. Planes are relative to
+// where the rays start: lower ones to `least`, upper ones to `most`.
+static int8 intersect_children(__global const WideNode *node, float3 least, float3 most, const Stream *s, uint mask, float8 *entry)
 {
     float8 planes[6];
-    planes[0] = vload8(0, node->lower[0]) - origin.x;
-    planes[1] = vload8(0, node->upper[0]) - origin.x;
-    planes[2] = vload8(0, node->lower[1]) - origin.y;
-    planes[3] = vload8(0, node->upper[1]) - origin.y;
-    planes[4] = vload8(0, node->lower[2]) - origin.z;
-    planes[5] = vload8(0, node->upper[2]) - origin.z;
+    planes[0] = vload8(0, node->lower[0]) - least.x;
+    planes[1] = vload8(0, node->upper[0]) - most.x;
+    planes[2] = vload8(0, node->lower[1]) - least.y;
+    planes[3] = vload8(0, node->upper[1]) - most.y;
+    planes[4] = vload8(0, node->lower[2]) - least.z;
+    planes[5] = vload8(0, node->upper[2]) - most.z;
     int8 met = 0;
     *entry = INFINITY;
     while (mask) {
@@ -126,8 +196,24 @@ static float8 difference_of_products(float8 a, float8 b, float8 c, float8 d)
 
 static float8 largest(float8 x, float8 y, float8 z) { return max(max(fabs(x), fabs(y)), fabs(z)); }
 
-__attribute__((always_inline)) static void load_leaf(__global const float *vertices, uint n, float3 origin, float3 low, Leaf *l)
+__attribute__((always_inline)) static void load_leaf(const Scene *scene, const Within *within, uint first, uint n, float3 origin,
+                                                     float3 low, Leaf *l)
 {
+    __global const float *vertices = scene->leaves + 9u * first;
+#if HAS_INSTANCES
+    load_corners(scene, within, vertices, n, &l->ax, &l->ay, &l->az);
+    load_corners(scene, within, vertices + 3 * n, n, &l->bx, &l->by, &l->bz);
+    load_corners(scene, within, vertices + 6 * n, n, &l->cx, &l->cy, &l->cz);
+    l->ax = (l->ax - origin.x) - low.x;
+    l->ay = (l->ay - origin.y) - low.y;
+    l->az = (l->az - origin.z) - low.z;
+    l->bx = (l->bx - origin.x) - low.x;
+    l->by = (l->by - origin.y) - low.y;
+    l->bz = (l->bz - origin.z) - low.z;
+    l->cx = (l->cx - origin.x) - low.x;
+    l->cy = (l->cy - origin.y) - low.y;
+    l->cz = (l->cz - origin.z) - low.z;
+#else
     l->ax = relative(vertices, origin.x, low.x);
     l->ay = relative(vertices + n, origin.y, low.y);
     l->az = relative(vertices + 2 * n, origin.z, low.z);
@@ -137,6 +223,7 @@ __attribute__((always_inline)) static void load_leaf(__global const float *verti
     l->cx = relative(vertices + 6 * n, origin.x, low.x);
     l->cy = relative(vertices + 7 * n, origin.y, low.y);
     l->cz = relative(vertices + 8 * n, origin.z, low.z);
+#endif
     // Edges opposite to a, b and c, and the sums of their ends.
     float8 ex = l->cx - l->bx, ey = l->cy - l->by, ez = l->cz - l->bz;
     float8 fx = l->ax - l->cx, fy = l->ay - l->cy, fz = l->az - l->cz;
@@ -292,8 +379,8 @@ static int8 lanes_met(const Leaf *l, uint n, float3 d, float8 *u, float8 *v, flo
 }
 
 // Tests one ray against a leaf: true where it is hit (ANY), or a hit nearer than t_max was stored.
-static bool intersect_leaf(const Scene *scene, const Leaf *l, uint first, uint n, float3 d, float *t_max, uint *triangle,
-                      uint kind, uint seed)
+static bool intersect_leaf(const Scene *scene, const Within *within, const Leaf *l, uint first, uint n, float3 d, float *t_max,
+                           uint *triangle, uint kind, uint seed)
 {
     Lanes u, v, w, t;
     int8 open = lanes_met(l, n, d, &u.vector, &v.vector, &w.vector);
@@ -343,7 +430,7 @@ static bool intersect_leaf(const Scene *scene, const Leaf *l, uint first, uint n
             continue;
         }
         *t_max = distance;
-        *triangle = place;
+        *triangle = number_of(scene, within, place);
         stored = true;
     }
     return stored;
@@ -367,46 +454,88 @@ static void prefetch_link(const Scene *scene, uint link)
 }
 
 // Whether a ray by itself hits a leaf: anything, or something nearer than t_max, which is stored.
-static bool intersect_leaf_once(const Scene *scene, float3 origin, float3 low, uint link, float3 d, float *t_max, uint *triangle,
-                           uint kind, uint seed)
+static bool intersect_leaf_once(const Scene *scene, const Within *within, float3 origin, float3 low, uint link, float3 d,
+                                float *t_max, uint *triangle, uint kind, uint seed)
 {
     uint first = link & 0x0fffffffu, n = (link >> 28 & 7u) + 1u;
     // What this leaf has stays in registers unless it is met.
     Leaf look;
-    load_leaf(scene->leaves + 9u * first, n, origin, low, &look);
+    load_leaf(scene, within, first, n, origin, low, &look);
     float8 u, v, w;
     if (!some8(lanes_met(&look, n, d, &u, &v, &w)))
         return false;
     Leaf leaf = look;
     load_planes(&leaf);
-    return intersect_leaf(scene, &leaf, first, n, d, t_max, triangle, kind, seed);
+    return intersect_leaf(scene, within, &leaf, first, n, d, t_max, triangle, kind, seed);
+}
+
+// A ray as boxes meet it, in the world or in an instance.
+typedef struct {
+    float3 inverse;
+    // Places in a node of the planes that the ray meets first, and of those that it meets last.
+    uint3 near, far;
+#if HAS_INSTANCES
+    float3 least, most;
+#endif
+} BoxRay;
+
+static BoxRay box_ray(const Scene *scene, uint instance, float3 origin, float3 low, float3 d)
+{
+    BoxRay r;
+#if HAS_INSTANCES
+    if (instance) {
+        turn_point(scene->instances + instance, origin, low, 0.0f, &r.least, &r.most);
+        d = turn_direction(scene->instances + instance, d);
+    }
+#endif
+    r.inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    r.near = (as_uint3(r.inverse) >> 31) * 24u + (uint3)(0u, 8u, 16u);
+    r.far = (uint3)(24u, 40u, 56u) - r.near;
+    return r;
+}
+
+// Where a ray enters a node's boxes, and where it leaves them.
+static float8 cross_boxes(const BoxRay *r, uint instance, __global const WideNode *node, float3 origin, float3 low, float t_max,
+                          float8 *leave)
+{
+    __global const float *planes = (__global const float *)node;
+    float8 nx = vload8(0, planes + r->near.x), ny = vload8(0, planes + r->near.y), nz = vload8(0, planes + r->near.z);
+    float8 fx = vload8(0, planes + r->far.x), fy = vload8(0, planes + r->far.y), fz = vload8(0, planes + r->far.z);
+#if HAS_INSTANCES
+    if (instance) {
+        float3 near = select(r->most, r->least, r->near < r->far), far = select(r->least, r->most, r->near < r->far);
+        *leave = min(min((fx - far.x) * r->inverse.x, (fy - far.y) * r->inverse.y), min((fz - far.z) * r->inverse.z, t_max));
+        return max(max((nx - near.x) * r->inverse.x, (ny - near.y) * r->inverse.y), max((nz - near.z) * r->inverse.z, 0.0f));
+    }
+#endif
+    *leave = min(min(((fx - origin.x) - low.x) * r->inverse.x, ((fy - origin.y) - low.y) * r->inverse.y),
+                 min(((fz - origin.z) - low.z) * r->inverse.z, t_max));
+    return max(max(((nx - origin.x) - low.x) * r->inverse.x, ((ny - origin.y) - low.y) * r->inverse.y),
+               max(((nz - origin.z) - low.z) * r->inverse.z, 0.0f));
 }
 
 // Finds the nearest hit of one ray before *t_max, or whether there is any (ANY); true where there is one.
 CALLED static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max,
                                                 uint *triangle, uint kind, uint seed)
 {
-    float ix = safe_inverse(d.x), iy = safe_inverse(d.y), iz = safe_inverse(d.z);
-    // Places in a node of the planes that the ray meets first, and of those that it meets last.
-    uint near_x = (as_uint(ix) >> 31) * 24u, near_y = (as_uint(iy) >> 31) * 24u + 8u, near_z = (as_uint(iz) >> 31) * 24u + 16u;
-    uint far_x = 24u - near_x, far_y = 40u - near_y, far_z = 56u - near_z;
     uint links[STACK_SIZE];
     float entries[STACK_SIZE];
     uint depth = 0, link = 0;
     bool found = false;
+    Within within = {0u, 0u};
+    BoxRay ray = box_ray(scene, 0u, origin, low, d);
     for (;;) {
         if (link & LEAF) {
-            found |= intersect_leaf_once(scene, origin, low, link, d, t_max, triangle, kind, seed);
+            found |= intersect_leaf_once(scene, &within, origin, low, link, d, t_max, triangle, kind, seed);
             if (kind == ANY && found)
                 return true;
         } else {
             __global const WideNode *node = scene->nodes + link;
-            __global const float *planes = (__global const float *)node;
+            if (enters_instance(scene, &node, depth, &within))
+                ray = box_ray(scene, within.instance, origin, low, d);
             Lanes at;
-            at.vector = max(max(relative(planes + near_x, origin.x, low.x) * ix, relative(planes + near_y, origin.y, low.y) * iy),
-                            max(relative(planes + near_z, origin.z, low.z) * iz, 0.0f));
-            float8 leave = min(min(relative(planes + far_x, origin.x, low.x) * ix, relative(planes + far_y, origin.y, low.y) * iy),
-                               min(relative(planes + far_z, origin.z, low.z) * iz, *t_max));
+            float8 leave;
+            at.vector = cross_boxes(&ray, within.instance, node, origin, low, *t_max, &leave);
             ulong lanes = as_ulong(convert_char8(at.vector <= leave * SLAB_WIDENING));
             if (lanes) {
                 uint lane = take_lane(&lanes), bottom = depth;
@@ -437,6 +566,8 @@ CALLED static bool trace_ray(const Scene *scene, float3 origin, float3 low, floa
                 return found;
             --depth;
         } while (entries[depth] > *t_max * SLAB_WIDENING);
+        if (leaves_instance(depth, &within))
+            ray = box_ray(scene, 0u, origin, low, d);
         link = links[depth];
     }
 }

@@ -66,6 +66,16 @@ typedef struct {
 } Triangle;
 
 typedef struct {
+    float world_from_shape[3][4];
+    float shape_from_world[3][4];
+    float reach[3];
+    uint root;
+    uint first_place;
+    uint first_triangle;
+    uint count;
+} Instance;
+
+typedef struct {
     uint texture;
     uint uv_slot;
     float matrix[4];
@@ -187,6 +197,7 @@ typedef struct {
 
 #define LEAF 0x80000000u
 #define EMPTY 0xffffffffu
+#define PORTAL 0xfffffffeu
 #define TRIANGLE_ALPHA 0x4000000u
 #define TRIANGLE_DOUBLE_SIDED 0x8000000u
 #define TRIANGLE_MOVES 0x10000000u

@@ -2,12 +2,13 @@
 
 use glam::Vec3;
 
-use crate::bvh::WideBvh;
+use crate::bvh::Trees;
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::layout::HitRecord;
 use crate::math::view::View;
 use crate::scene::Scene;
+use crate::trace::numbers::TriangleNumbers;
 use crate::trace::probe::{BUNDLE, Bundles, Probe, RayKind};
 
 /// Rays of every kind.
@@ -26,17 +27,18 @@ impl Workload {
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device fails.
-    pub fn new(
+    pub fn new<'a>(
         probe: &mut Probe,
         shape: &Scene,
-        bvh: &WideBvh,
+        trees: impl Into<Trees<'a>>,
         view: View,
         pattern: Pattern,
     ) -> Result<Self> {
         probe.look(&view, &pattern)?;
         probe.trace(RayKind::Samples)?;
         let hits = probe.hits(RayKind::Samples)?;
-        let bundles = bundles(shape, bvh, &view, &pattern, &hits);
+        let bundles =
+            bundles(&TriangleNumbers::new(shape, trees.into()), shape.anchor, &view, &pattern, &hits);
         probe.send(&bundles)?;
         Ok(Workload { view, pattern, bundles })
     }
@@ -51,16 +53,21 @@ impl Workload {
     }
 }
 
-fn bundles(shape: &Scene, bvh: &WideBvh, view: &View, pattern: &Pattern, hits: &[HitRecord]) -> Bundles {
+fn bundles(
+    triangles: &TriangleNumbers,
+    anchor: glam::DVec3,
+    view: &View,
+    pattern: &Pattern,
+    hits: &[HitRecord],
+) -> Bundles {
     let mut bundles = Bundles::default();
     for (index, (&pixel, hit)) in pattern.samples.iter().zip(hits).enumerate() {
         if hit.triangle == u32::MAX {
             continue;
         }
         let direction = camera_direction(view, pixel & 0xffff, pixel >> 16);
-        let corners = shape.mesh.triangles[bvh.order[hit.triangle as usize].triangle as usize]
-            .map(|corner| shape.mesh.positions[corner as usize]);
-        let eye = (view.world_from_eye.position - shape.anchor).as_vec3();
+        let corners = triangles.corners(hit.triangle);
+        let eye = (view.world_from_eye.position - anchor).as_vec3();
         let (origin, normal) = leave(corners, eye + direction * hit.t, direction);
         bundles.origins.push(origin.to_array());
         let (t, b) = normal.any_orthonormal_pair();

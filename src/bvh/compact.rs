@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::wide::{EMPTY, LEAF, leaf_range};
+use super::wide::{EMPTY, LEAF, PORTAL, leaf_range};
 use crate::layout::{CompactNode, WideNode};
 
 /// What stands for a node in [`CompactNode::kinds`].
@@ -15,6 +15,9 @@ pub fn compact_nodes(nodes: &[WideNode]) -> Vec<CompactNode> {
 
 /// Builders number the nodes and the triangles below one node one after the other, in the order of its children.
 fn compact(node: &WideNode) -> CompactNode {
+    if let Some(instance) = node.instance() {
+        return CompactNode { exponents: PORTAL, first_node: instance, ..CompactNode::default() };
+    }
     let children = node.children.iter().filter(|&&child| child != EMPTY).count();
     let mut result = CompactNode::default();
     let mut kinds = [0u8; 8];

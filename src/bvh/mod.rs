@@ -11,10 +11,12 @@ mod check;
 mod choice;
 pub mod compact;
 mod improve;
+pub mod instances;
 pub mod parted;
 mod refit;
 pub mod wide;
 
+pub use instances::Trees;
 pub use parted::Parted;
 pub use refit::Refit;
 pub use wide::{WideBvh, WideNode};

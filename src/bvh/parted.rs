@@ -20,7 +20,7 @@ const FEW: usize = 64;
 /// The tree of one part.
 #[derive(Clone, Debug)]
 pub struct PartTree {
-    root: WideNode,
+    pub(super) root: WideNode,
     /// All but the root; links are places in the whole tree.
     pub nodes: Vec<WideNode>,
     /// Where the first of them is in the whole tree.
@@ -149,8 +149,11 @@ impl Parted {
 
 impl PartTree {
     /// A tree's nodes and triangles as they are in the whole one.
-    fn new(tree: WideBvh, first_node: usize, first_place: usize, first_triangle: usize) -> Self {
+    pub(super) fn new(tree: WideBvh, first_node: usize, first_place: usize, first_triangle: usize) -> Self {
         let place = |mut node: WideNode| {
+            if node.instance().is_some() {
+                return node;
+            }
             for child in node.children.iter_mut().filter(|child| **child != EMPTY) {
                 *child = match *child & LEAF {
                     // The root is elsewhere, and nothing leads to it.
@@ -178,6 +181,9 @@ impl PartTree {
     /// Nodes and leaves that a ray visits which meets its box, as [`WideBvh::cost`] has them together.
     pub fn cost(&self) -> f64 {
         let area = |node: &WideNode| -> f64 {
+            if node.instance().is_some() {
+                return 0.0;
+            }
             let slots = (0..8).filter(|&slot| node.children[slot] != EMPTY);
             let corner = |rows: &[[f32; 8]; 3], slot: usize| Vec3::from_array(rows.map(|row| row[slot]));
             let box_of = |slot| Bounds { lower: corner(&node.lower, slot), upper: corner(&node.upper, slot) };
@@ -266,7 +272,7 @@ fn bounds_of_leaf(vertices: &[f32], count: usize) -> (Vec3, Vec3) {
 }
 
 /// Eight children a node over a binary tree whose leaves stand for `roots`, and its levels above these.
-fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> (Vec<WideNode>, u32) {
+pub(super) fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> (Vec<WideNode>, u32) {
     let (mut nodes, mut deepest) = (vec![WideNode::VACANT], 0);
     let mut pending = vec![(0, 0usize, 1u32)];
     let opened = |at| Some((tree.bounds(at).half_area(), tree.children(at)?));

@@ -10,7 +10,7 @@ use super::binary::Bounds;
 /// A child is [`EMPTY`], a leaf ([`LEAF`] set) or the index of a node. Empty slots have inverted,
 /// infinite bounds, but a walker must look at `children`, since an inverted box passes a slab test
 /// that takes the minimum and maximum of both planes.
-pub use crate::layout::{EMPTY, LEAF, WideNode};
+pub use crate::layout::{EMPTY, LEAF, PORTAL, WideNode};
 
 impl WideNode {
     pub(super) const VACANT: WideNode =
@@ -73,7 +73,7 @@ impl WideBvh {
     /// heuristic: the nodes and the leaves that it visits on average.
     pub fn cost(&self) -> Cost {
         let (mut cost, mut root) = (Cost { nodes: 0.0, leaves: 0.0 }, Bounds::EMPTY);
-        for (index, node) in self.nodes.iter().enumerate() {
+        for (index, node) in self.nodes.iter().enumerate().filter(|(_, node)| node.instance().is_none()) {
             for slot in (0..8).filter(|&slot| node.children[slot] != EMPTY) {
                 let bounds = Bounds {
                     lower: Vec3::from_array(node.lower.map(|row| row[slot])),
@@ -91,10 +91,10 @@ impl WideBvh {
         Cost { nodes: 1.0 + share(cost.nodes), leaves: share(cost.leaves) }
     }
 
-    /// Levels of nodes; 1 for a root alone.
+    /// Levels of nodes; 1 for a root alone. What instances lead to does not count.
     pub fn depth(&self) -> u32 {
         let mut depth = vec![1u32; self.nodes.len()];
-        for (index, node) in self.nodes.iter().enumerate() {
+        for (index, node) in self.nodes.iter().enumerate().filter(|(_, node)| node.instance().is_none()) {
             for child in node.children.into_iter().filter(|&child| child & LEAF == 0) {
                 depth[child as usize] = depth[index] + 1;
             }

@@ -10,15 +10,15 @@ use super::machine;
 use super::options::{Options, RayOptions, eye_fov};
 use super::output;
 use crate::bench::{Rate, Rates, Workload, export};
-use crate::bvh::WideBvh;
 use crate::bvh::wide::Cost;
+use crate::bvh::{Trees, WideBvh};
 use crate::config::{Config, Layers, TraversalConfig};
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::frame::Loaded;
 use crate::gpu::opencl::{Device, device};
 use crate::math::view::View;
-use crate::scene::{Environment, Features, Scene};
+use crate::scene::{Environment, Features, Instancing, Scene};
 use crate::trace::Traversal;
 use crate::trace::probe::{Probe, RayKind, shape_of};
 use crate::trace::warm::{KernelTimes, kernel_times};
@@ -63,7 +63,7 @@ struct Tree {
     /// To build it, where it was not in the cache, or `--cold` asked for it.
     build_ms: Option<f64>,
     /// To fit its boxes to vertices that have moved.
-    refit_ms: f64,
+    refit_ms: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -95,8 +95,10 @@ struct Row {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let config = args.options.config_over(Layers::default())?;
+    let mut config = args.options.config_over(Layers::default())?;
     if let Some(path) = &args.export {
+        // Others build their own trees.
+        config.scene.instancing = Instancing::Flat;
         whole_file::check_kind(path, export::MAGIC, "file of rays")?;
     }
     let devices = open(&config)?;
@@ -117,9 +119,10 @@ pub fn run(args: &Args) -> Result<()> {
         environment: loaded.environment,
         shape: shape_of(loaded.scene),
         bvh: loaded.bvh,
+        shapes: loaded.shapes,
     };
     let mut probes = bench.probes(&devices, config.trace.traversal)?;
-    let work = Workload::new(&mut probes[0], &bench.shape, &bench.bvh, view, pattern)?;
+    let work = Workload::new(&mut probes[0], &bench.shape, bench.trees(), view, pattern)?;
     probes[1..].iter_mut().try_for_each(|probe| work.load(probe))?;
     if let Some(path) = &args.export {
         export::write(path, &bench.shape, &work, &probes[0])?;
@@ -127,7 +130,7 @@ pub fn run(args: &Args) -> Result<()> {
     let rates = measure(&probes, args.repetitions)?;
     let report = Report {
         scene: args.scene.display().to_string(),
-        triangles: bench.shape.mesh.triangles.len(),
+        triangles: bench.shape.triangles(),
         bvh: Tree { ready_ms, cached, build_ms, refit_ms: bench.time_to_refit(), ..bench.tree() },
         view: Asked {
             width: view.width,
@@ -187,6 +190,7 @@ fn measure(probes: &[Probe], repetitions: u32) -> Result<Vec<Rates>> {
 struct Bench {
     shape: Scene,
     bvh: WideBvh,
+    shapes: Vec<WideBvh>,
     environment: Environment,
     features: Features,
 }
@@ -198,33 +202,41 @@ impl Bench {
         devices
             .iter()
             .flat_map(|device| wanted.iter().map(move |&traversal| (device, traversal)))
-            .map(|(device, traversal)| Probe::new(device, &self.shape, &self.bvh, traversal))
+            .map(|(device, traversal)| Probe::new(device, &self.shape, self.trees(), traversal))
             .collect()
+    }
+
+    fn trees(&self) -> Trees<'_> {
+        Trees { world: &self.bvh, shapes: &self.shapes }
     }
 
     /// Bytes of nodes, vertices in leaf order, and what hits need to know of a triangle.
     fn bytes_per_triangle(&self, probe: &Probe) -> f64 {
-        probe.scene().tree_bytes() as f64 / self.shape.mesh.triangles.len().max(1) as f64
+        probe.scene().tree_bytes() as f64 / self.shape.triangles().max(1) as f64
     }
 
     fn tree(&self) -> Tree {
         Tree {
-            nodes: self.bvh.nodes.len(),
-            depth: self.bvh.depth(),
+            nodes: self.bvh.nodes.len() + self.shapes.iter().map(|tree| tree.nodes.len()).sum::<usize>(),
+            depth: self.trees().depth(),
             cost: self.bvh.cost(),
             ready_ms: 0.0,
             cached: false,
             build_ms: None,
-            refit_ms: 0.0,
+            refit_ms: None,
         }
     }
 
-    fn time_to_refit(&self) -> f64 {
+    /// None where shapes are kept once: what is refitted is one tree.
+    fn time_to_refit(&self) -> Option<f64> {
+        if !self.shapes.is_empty() {
+            return None;
+        }
         let mut tree = self.bvh.clone();
         let start = Instant::now();
         // The loader has refused what is not finite.
         let _ = tree.refit(&self.shape.mesh.positions, &self.shape.mesh.triangles);
-        start.elapsed().as_secs_f64() * 1e3
+        Some(start.elapsed().as_secs_f64() * 1e3)
     }
 
     fn measured(&self, probe: &Probe, rates: &Rates, cold: bool) -> Result<Measured> {
@@ -253,14 +265,14 @@ impl Bench {
 impl Report {
     fn text(&self) -> String {
         let mut text = format!(
-            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}, refitted in {:.0} ms\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
+            "{}: {} triangles, tree of {} nodes, {} deep, ready in {:.0} ms{}{}\n{}x{} pixels, {} samples, {} of which see something and send 32 rays\n",
             self.scene,
             self.triangles,
             self.bvh.nodes,
             self.bvh.depth,
             self.bvh.ready_ms,
             if self.bvh.cached { " from the cache" } else { "" },
-            self.bvh.refit_ms,
+            self.bvh.refit_ms.map_or_else(String::new, |ms| format!(", refitted in {ms:.0} ms")),
             self.view.width,
             self.view.height,
             self.view.samples,

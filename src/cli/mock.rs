@@ -121,7 +121,7 @@ pub fn profile(name: &str) -> Result<Profile> {
 
 /// How far the head moves: a small scene would pass through it.
 pub fn reach(loaded: &Loaded) -> f64 {
-    let size = loaded.scene.mesh.bounds().map_or(0.0, |(low, high)| (high - low).length());
+    let size = loaded.scene.bounds().map_or(0.0, |(low, high)| (high - low).length());
     (f64::from(size) * 0.05).min(0.4)
 }
 

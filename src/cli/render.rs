@@ -128,7 +128,7 @@ pub fn load_moving(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
 
 /// Refuses a scene without anything to show.
 pub fn require_triangles(scene: &std::path::Path, loaded: &Loaded) -> Result<()> {
-    if !loaded.scene.mesh.triangles.is_empty() {
+    if loaded.scene.triangles() > 0 {
         return Ok(());
     }
     Err(Error::Scene {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::check::range;
 use crate::error::Result;
 use crate::scene::animation::Choice;
-use crate::scene::{LoadOptions, Progress};
+use crate::scene::{Instancing, LoadOptions, Progress};
 
 /// A choice among what a scene's file holds; `foveate scene info` lists it. Empty names leave it to the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,6 +17,9 @@ pub struct SceneConfig {
     pub camera: String,
     /// The variant of materials, by name or by number from 0.
     pub variant: String,
+    /// Which shapes are kept once, with a tree of their own, however often they are placed: "auto" (those placed often, in
+    /// scenes of more than four million triangles), "shared" (all that are placed more than once), or "flat" (none).
+    pub instancing: Instancing,
     /// Metres that a unit of the file is.
     pub scale: f64,
     /// The animations that play: "auto" (each that moves nothing which an earlier one moves), "all", "none", or one by
@@ -35,6 +38,7 @@ impl Default for SceneConfig {
             name: empty(),
             camera: empty(),
             variant: empty(),
+            instancing: Instancing::Auto,
             scale: 1.0,
             animation: "auto".into(),
             time: 0.0,
@@ -59,6 +63,7 @@ impl SceneConfig {
             scene: given(&self.name),
             camera: given(&self.camera),
             variant: given(&self.variant),
+            instancing: self.instancing,
             scale: self.scale,
             animation: Choice::new(&self.animation),
             time: self.time,

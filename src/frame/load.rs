@@ -7,13 +7,15 @@ use std::time::Instant;
 use glam::Vec3;
 
 use crate::bvh::cache::TreeCache;
-use crate::bvh::{Parted, WideBvh};
+use crate::bvh::instances::over_instances;
+use crate::bvh::{Parted, Trees, WideBvh};
 use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
 use crate::gpu::opencl::Device;
 use crate::progress;
+use crate::scene::instanced::InstancedShape;
 use crate::scene::sky::Sky;
-use crate::scene::{Environment, LoadOptions, Progress, Scene};
+use crate::scene::{Environment, Instanced, LoadOptions, Progress, Scene};
 use crate::trace::SceneData;
 
 /// A step of starting up.
@@ -32,6 +34,8 @@ pub struct Loaded {
     pub scene: Scene,
     /// Its tree.
     pub bvh: WideBvh,
+    /// The trees of the shapes that are kept once, in their order.
+    pub shapes: Vec<WideBvh>,
     /// The trees of its moving parts, where it is to move on and anything does.
     pub parted: Option<Parted>,
     /// The tree was found on disk, not built.
@@ -84,17 +88,31 @@ impl Loaded {
             || timed("environment", || environment(&config.environment)),
         );
         let ((scene, scene_step), ((environment, mut warnings), light_step)) = (scene?, light?);
-        let ((bvh, parted, bvh_was_cached), bvh_step) = timed("bvh", || Ok(trees_of(&scene)))?;
+        let ((bvh, shapes, parted, bvh_was_cached), bvh_step) = timed("bvh", || Ok(trees_of(&scene)))?;
         warnings.extend(scene.warnings.iter().cloned());
         Ok(Loaded {
             scene,
             bvh,
+            shapes,
             parted,
             bvh_was_cached,
             environment,
             steps: vec![scene_step, light_step, bvh_step],
             warnings,
         })
+    }
+}
+
+impl Loaded {
+    /// All trees.
+    pub fn trees(&self) -> Trees<'_> {
+        Trees { world: &self.bvh, shapes: &self.shapes }
+    }
+
+    /// Levels of all that rays walk, whatever its parts do.
+    pub fn depth(&self) -> u32 {
+        let spare = self.parted.as_ref().map_or(0, |parted| parted.depth() - self.bvh.depth());
+        self.trees().depth() + spare
     }
 }
 
@@ -107,15 +125,30 @@ fn read(path: &Path, config: &Config, keeps_motion: bool) -> Result<Scene> {
     scene
 }
 
-/// The scene's tree, with the trees of its moving parts, and whether that of the others was in the user's cache.
-fn trees_of(scene: &Scene) -> (WideBvh, Option<Parted>, bool) {
+/// The scene's tree, those of shapes that are kept once and of its moving parts, and whether that of the others was in the
+/// user's cache.
+fn trees_of(scene: &Scene) -> (WideBvh, Vec<WideBvh>, Option<Parted>, bool) {
     let (mesh, motion) = (&scene.mesh, scene.motion.as_ref());
     let first = motion.map_or(mesh.triangles.len(), |motion| motion.first_triangle(mesh));
     let (still, was_cached) = tree_of(&mesh.positions, &mesh.triangles[..first]);
-    let Some(motion) = motion else { return (still, None, was_cached) };
+    let (still, shapes) = match &scene.instanced {
+        Some(instanced) => (over_instances(still, &instanced.boxes()), shape_trees(instanced)),
+        None => (still, Vec::new()),
+    };
+    let Some(motion) = motion else { return (still, shapes, None, was_cached) };
     let parts: Vec<_> = motion.parts.iter().map(|part| part.triangles.clone()).collect();
     let (bvh, parted) = Parted::build(&mesh.positions, &mesh.triangles, &parts, still);
-    (bvh, Some(parted), was_cached)
+    (bvh, shapes, Some(parted), was_cached)
+}
+
+/// The tree of each shape, over its triangles and vertices as if there were no others.
+fn shape_trees(instanced: &Instanced) -> Vec<WideBvh> {
+    let tree = |shape: &InstancedShape| {
+        let first = shape.vertices.start as u32;
+        let own = instanced.mesh.triangles[shape.triangles.clone()].iter().map(|t| t.map(|v| v - first));
+        tree_of(&instanced.mesh.positions[shape.vertices.clone()], &own.collect::<Vec<_>>()).0
+    };
+    instanced.shapes.iter().map(tree).collect()
 }
 
 /// The tree over triangles from the user's cache, and whether it was there; else built, under a progress bar where

@@ -1,10 +1,11 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 24] {
+pub(super) fn named() -> [(&'static str, u32); 25] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
+        ("PORTAL", PORTAL),
         ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
         ("TRIANGLE_MOVES", TRIANGLE_MOVES),
@@ -35,6 +36,9 @@ pub const EMPTY: u32 = u32::MAX;
 /// Marks a child that is a leaf: then bits 28..31 hold its number of triangles less one, and the
 /// low 28 bits its first triangle in leaf order.
 pub const LEAF: u32 = 1 << 31;
+/// As a node's first child: the node is the door to an instance, whose number the second one is. Its only box is the
+/// instance's. In [`super::CompactNode::exponents`] the same; there `first_node` is the number.
+pub const PORTAL: u32 = u32::MAX - 1;
 /// A hit needs a look at the material's alpha.
 pub const TRIANGLE_ALPHA: u32 = 1 << 26;
 /// Seen from behind too.

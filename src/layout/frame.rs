@@ -6,7 +6,7 @@ shared_structs! {
 
 /// A camera ray's first hit: 8 bytes.
 pub struct HitRecord {
-    /// Place of the triangle in leaf order; `u32::MAX` for a miss, [`super::UNTRACED`] where no ray was traced yet.
+    /// Place of the triangle in leaf order, for one of an instance as [`super::Instance`] has it; `u32::MAX` for a miss, [`super::UNTRACED`] where no ray was traced yet.
     pub triangle: u32,
     /// Distance along the normalised ray in metres.
     pub t: f32,

@@ -24,7 +24,8 @@ pub use packing::{
 };
 pub use records::{SampleRecord, VisibilityRecord};
 pub use scene::{
-    DirectionCell, Emitter, EnvironmentTexel, Light, LightNode, Material, TextureInfo, TextureUse, Triangle,
+    DirectionCell, Emitter, EnvironmentTexel, Instance, Light, LightNode, Material, TextureInfo, TextureUse,
+    Triangle,
 };
 pub use tree::{CompactNode, WideNode};
 

@@ -16,6 +16,27 @@ pub struct Triangle {
     pub packed: u32,
 }
 
+/// A shape that is kept once, at one of its places. The first is the world: what is placed already.
+///
+/// Hits name a triangle by `first_triangle` and how far behind `first_place` its place in leaf order is.
+pub struct Instance {
+    /// The rows of the matrix that takes its shape's points to the world's, in metres relative to the anchor.
+    pub world_from_shape: [[f32; 4]; 3],
+    /// The inverse's.
+    pub shape_from_world: [[f32; 4]; 3],
+    /// Along each of the shape's axes: how large what a point of the shape's box is computed from there and back can
+    /// be, which its rounding is relative to.
+    pub reach: [f32; 3],
+    /// The shape's node that the others hang on.
+    pub root: u32,
+    /// Place in leaf order of the first of the shape's triangles.
+    pub first_place: u32,
+    /// Number of the first of its triangles.
+    pub first_triangle: u32,
+    /// How many instances there are, with the world: the same in all.
+    pub count: u32,
+}
+
 /// A use of a texture; `texture` is `u32::MAX` where there is none.
 pub struct TextureUse {
     /// Index of the texture.

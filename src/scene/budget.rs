@@ -16,6 +16,10 @@ use std::sync::Mutex;
 /// lists' entries, not a measurement.
 const TRIANGLE: u64 = 480;
 
+/// Bytes that a place of a primitive takes at most: its matrix, as read and as devices hold it, and what of the tree
+/// leads to it, while it is built, compact, and on devices.
+const INSTANCE: u64 = 2000;
+
 /// Bytes that a texel takes: as decoded, with all smaller levels, and again as devices hold it.
 const TEXEL: f64 = 4.0 * 4.0 / 3.0 * 2.0;
 
@@ -39,6 +43,7 @@ pub struct Budget {
 struct Needs {
     document: u64,
     bytes: u64,
+    instances: u64,
     triangles: u64,
     textures: u64,
 }
@@ -68,7 +73,13 @@ impl Budget {
         self.plan(|needs| needs.bytes += bytes)
     }
 
-    /// Plans triangles, those of all instances.
+    /// Plans places of primitives.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn plan_instances(&self, instances: u64) -> Result<(), String> {
+        self.plan(|needs| needs.instances += instances.saturating_mul(INSTANCE))
+    }
+
+    /// Plans triangles: of all instances but those that share a shape.
     #[allow(clippy::missing_errors_doc)]
     pub fn plan_triangles(&self, triangles: u64) -> Result<(), String> {
         self.plan(|needs| needs.triangles += triangles.saturating_mul(TRIANGLE))
@@ -116,7 +127,9 @@ impl Budget {
 
 impl Needs {
     fn total(&self) -> u64 {
-        [self.document, self.bytes, self.triangles, self.textures].into_iter().fold(0, u64::saturating_add)
+        [self.document, self.bytes, self.instances, self.triangles, self.textures]
+            .into_iter()
+            .fold(0, u64::saturating_add)
     }
 
     fn refusal(&self, allowed: u64) -> String {
@@ -124,6 +137,7 @@ impl Needs {
             (self.textures, "textures", "scale its largest textures down"),
             (self.triangles, "triangles", "show less of it"),
             (self.bytes, "buffers", "show less of it"),
+            (self.instances, "instances", "show less of it"),
             (self.document, "lists of nodes and materials", "merge some of them"),
         ];
         let told: Vec<String> = parts

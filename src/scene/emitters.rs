@@ -90,7 +90,10 @@ pub fn lit_bounds(scene: &Scene) -> Option<[Vec3; 2]> {
     }
     let lit = mesh.triangles.iter().zip(&mesh.materials).filter(|(_, material)| !is_unlit(material));
     let corners = lit.flat_map(|(triangle, _)| triangle.map(|vertex| mesh.positions[vertex as usize]));
-    corners.map(|p| [p, p]).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+    // What is kept once does not shine, and so is lit.
+    let instances =
+        scene.instanced.iter().flat_map(|instanced| instanced.boxes()).map(|(low, high)| [low, high]);
+    corners.map(|p| [p, p]).chain(instances).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }
 
 /// Everything to aim at: triangles in the mesh's order, then lights. Triangles that send nothing are left out.

@@ -2,7 +2,7 @@
 //! and a few punctual lights have none, since kernels without them were no faster and no smaller
 //! (`benches/features.rs`).
 //!
-//! `Features::required_by` folds scene and environment into nine flags; each gains by being off
+//! `Features::required_by` folds scene and environment into ten flags; each gains by being off
 //! (`docs/measurements.md`), which emission that is only seen and a few punctual lights did not. Each becomes
 //! `-D NAME=0` or `1` (`src/trace/source.rs`), always all of them; buffers for what is off do not exist.
 //! Loading helps: a texture of one colour becomes a factor, alpha that is always one becomes opaque.
@@ -30,6 +30,8 @@ pub struct Features {
     pub glass: bool,
     /// Some material's reflections are sharp ([`super::Material::is_glossy`]).
     pub glossy: bool,
+    /// Shapes are kept once and shown at many places ([`super::Instanced`]).
+    pub instances: bool,
 }
 
 impl Features {
@@ -40,17 +42,18 @@ impl Features {
             textures: !scene.textures.is_empty(),
             normal_maps: any(&has_normal_map),
             alpha: any(&|m| m.alpha != AlphaMode::Opaque || m.glass.is_some()),
-            vertex_colors: !scene.mesh.colors.is_empty(),
+            vertex_colors: scene.meshes().any(|mesh| !mesh.colors.is_empty()),
             sun: environment.sun.is_some(),
             emitters: emitters::any(scene),
             layers: any(&|m| m.layers.is_some()),
             glass: any(&|m| m.glass.is_some()),
             glossy: any(&|m| m.is_glossy(&scene.textures)),
+            instances: scene.instanced.is_some(),
         }
     }
 
     /// Every feature with its kernel name, in a fixed order.
-    pub fn defines(&self) -> [(&'static str, bool); 9] {
+    pub fn defines(&self) -> [(&'static str, bool); 10] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_NORMAL_MAPS", self.normal_maps),
@@ -61,6 +64,7 @@ impl Features {
             ("HAS_LAYERS", self.layers),
             ("HAS_GLASS", self.glass),
             ("HAS_GLOSSY", self.glossy),
+            ("HAS_INSTANCES", self.instances),
         ]
     }
 }

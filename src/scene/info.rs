@@ -17,6 +17,8 @@ pub struct SceneInfo {
     pub vertices: usize,
     /// Primitives placed by nodes.
     pub instances: usize,
+    /// Those of which there is one copy alone, where there are any.
+    pub shared: Option<Shared>,
     /// Materials in use.
     pub materials: usize,
     /// Textures in use.
@@ -41,6 +43,17 @@ pub struct SceneInfo {
     pub left_out: LeftOut,
     /// What was left out or repaired.
     pub warnings: Vec<String>,
+}
+
+/// Shapes that are kept once ([`super::Instanced`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Shared {
+    /// How many.
+    pub shapes: usize,
+    /// Triangles of each once.
+    pub triangles: usize,
+    /// Places where they are shown.
+    pub instances: usize,
 }
 
 /// An axis-aligned box in world metres.
@@ -100,14 +113,20 @@ pub fn summarise(scene: &Scene, environment: &Environment) -> SceneInfo {
         fov_y: camera.fov_y.map(f64::to_degrees),
         height: camera.half_height.map(|half| 2.0 * half),
     });
+    let instanced = scene.instanced.as_ref();
     SceneInfo {
-        triangles: scene.mesh.triangles.len(),
-        vertices: scene.mesh.positions.len(),
+        triangles: scene.triangles(),
+        vertices: scene.mesh.positions.len() + instanced.map_or(0, |instanced| instanced.vertices()),
         instances: scene.instances,
+        shared: instanced.map(|instanced| Shared {
+            shapes: instanced.shapes.len(),
+            triangles: instanced.mesh.triangles.len(),
+            instances: instanced.instances.len(),
+        }),
         materials: scene.materials.len(),
         textures: scene.textures.len(),
         texture_bytes: texture_bytes(scene),
-        bounds: scene.mesh.bounds().map(|(low, high)| Bounds { min: world(low), max: world(high) }),
+        bounds: scene.bounds().map(|(low, high)| Bounds { min: world(low), max: world(high) }),
         features: Features::required_by(scene, environment),
         cameras: cameras.collect(),
         animations: scene.animations.clone(),

@@ -1,4 +1,5 @@
-//! A scene on the host: what a glTF file says, flattened to one list of triangles.
+//! A scene on the host: what a glTF file says, flattened to one list of triangles, but for shapes that are placed very
+//! often ([`Instanced`]).
 //!
 //! Everything is in metres, right-handed, +Y up. Positions are stored in `f32` relative to
 //! [`Scene::anchor`], which is kept in `f64`: transforms are composed in `f64` first, so a scene
@@ -15,6 +16,7 @@ pub mod glossy;
 pub mod gltf;
 pub mod importance;
 pub mod info;
+pub mod instanced;
 pub mod layers;
 pub mod light_tree;
 pub mod material;
@@ -30,6 +32,7 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 
 pub use environment::{Environment, Sun};
 pub use features::Features;
+pub use instanced::{Instanced, Instancing};
 pub use layers::Layers;
 pub use material::{AlphaMode, Glass, Material, TextureRef};
 pub use options::{LoadOptions, Progress};
@@ -46,13 +49,15 @@ use crate::{Error, Result};
 /// What went right, or a clause about what is wrong with a file and the next step.
 type Outcome<T> = std::result::Result<T, String>;
 
-/// A scene, ready to be traced. All triangles of all instances, in world orientation.
+/// A scene, ready to be traced.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// World position, in metres, of the origin that [`Mesh::positions`] and lights are relative to.
     pub anchor: DVec3,
-    /// All triangles.
+    /// All triangles of all instances, in world orientation, but for those of `instanced`.
     pub mesh: Mesh,
+    /// Shapes that are kept once and shown at many places, where that pays.
+    pub instanced: Option<Arc<Instanced>>,
     /// Materials; [`Mesh::materials`] points here. Never empty when there are triangles.
     pub materials: Vec<Material>,
     /// Textures; [`TextureRef::texture`] points here.
@@ -71,7 +76,7 @@ pub struct Scene {
     pub scenes: Vec<String>,
     /// Names of the file's variants of materials (KHR_materials_variants).
     pub variants: Vec<String>,
-    /// Mesh instances (primitives placed by nodes) that were flattened.
+    /// Mesh instances (primitives placed by nodes).
     pub instances: usize,
     /// Triangles that were left out.
     pub left_out: LeftOut,

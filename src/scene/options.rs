@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::animation::Choice;
 use super::budget::Budget;
+use super::instanced::Instancing;
 
 /// What a caller may want of a scene's file.
 #[derive(Debug)]
@@ -20,6 +21,8 @@ pub struct LoadOptions {
     pub time: f64,
     /// Whether the scene is to move on from there ([`super::Scene::motion`]).
     pub keeps_motion: bool,
+    /// Which shapes are kept once.
+    pub instancing: Instancing,
     /// Metres that a unit of the file is.
     pub scale: f64,
     /// Memory that it may take.
@@ -40,6 +43,7 @@ impl Default for LoadOptions {
             animation,
             time,
             keeps_motion: false,
+            instancing: Instancing::default(),
             scale: 1.0,
             budget,
             progress,

@@ -61,11 +61,11 @@ pub fn default_viewpoint(scene: &Scene, fov_y_deg: f64) -> Viewpoint {
         return viewpoint;
     }
     let fov_y = if fov_y_deg.is_finite() { fov_y_deg.clamp(1.0, 175.0) } else { FALLBACK_FOV }.to_radians();
-    let pose = match scene.mesh.bounds() {
+    let pose = match scene.bounds() {
         None => Pose::new(glam::DQuat::IDENTITY, DVec3::Y * EYE_HEIGHT),
         Some((low, high)) => {
             let bounds = Bounds { low: low.as_dvec3(), high: high.as_dvec3() };
-            inside(&scene.mesh, &bounds).unwrap_or_else(|| outside(&bounds, fov_y))
+            inside(&scene.outlines(), &bounds).unwrap_or_else(|| outside(&bounds, fov_y))
         }
     };
     Viewpoint { world_from_eye: Pose { position: scene.anchor + pose.position, ..pose }, fov_y }

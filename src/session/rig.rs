@@ -35,7 +35,7 @@ pub struct Rig {
 impl Rig {
     /// Stands at a pose of the scene, upright, as the settings let them move.
     pub fn new(rest: Pose, scene: &Scene, config: &HeadsetConfig) -> Self {
-        let below = pick::nearest(&scene.mesh, rest.position - scene.anchor, DVec3::NEG_Y);
+        let below = pick::nearest(scene, rest.position - scene.anchor, DVec3::NEG_Y);
         let height = below.map_or(USUAL_HEIGHT, |(point, _)| rest.position.y - (scene.anchor.y + point.y));
         let turn = if config.turn == Turn::Off { 0.0 } else { config.turn_degrees.to_radians() };
         let rest = Pose { rotation: upright(rest.rotation), position: rest.position };
@@ -87,7 +87,7 @@ impl Rig {
         self.step(hands, keys, &head, seconds);
         if let Some(aim) = hands.aim.filter(|_| hands.teleport && self.teleports) {
             let aim = self.locomotion.world_from_space.then(aim);
-            let hit = pick::nearest(&scene.mesh, aim.position - scene.anchor, aim.rotation * DVec3::NEG_Z);
+            let hit = pick::nearest(scene, aim.position - scene.anchor, aim.rotation * DVec3::NEG_Z);
             if let Some((point, _)) = hit.filter(|(_, normal)| normal.y > STEEPEST) {
                 self.locomotion.stand_on(point + scene.anchor, &head, self.height);
             }
@@ -103,7 +103,7 @@ impl Rig {
         let place = self.locomotion.place(head) - scene.anchor;
         // Whoever has sunk below the ground finds it above.
         let above = place + DVec3::Y * self.eyes;
-        if let Some((ground, _)) = pick::nearest(&scene.mesh, above, DVec3::NEG_Y) {
+        if let Some((ground, _)) = pick::nearest(scene, above, DVec3::NEG_Y) {
             self.locomotion.rise(ground.y + self.eyes - place.y);
         }
     }

@@ -13,6 +13,7 @@ mod fleet;
 mod kernels;
 mod light_cache;
 mod moving;
+pub mod numbers;
 pub mod probe;
 mod rebuild;
 mod scene_buffers;

@@ -21,8 +21,8 @@
 //! (`MOVING_LONGEST`): carried to where other parts of the surface are, it made the squared error of a
 //! turning box several times that of a single frame. Where it has left its plane by more than the tolerance
 //! it begins anew. The cache of light forgets five times as fast. More than eight lights are chosen among by
-//! a tree, into which one that is dark at first never comes. Not done: instances that share one tree (each
-//! has its own copy in the world), and deformation on the device.
+//! a tree, into which one that is dark at first never comes. Not done: moving parts that
+//! share one tree (each has its own copy in the world), and deformation on the device.
 
 use std::sync::{Arc, OnceLock};
 
@@ -114,7 +114,7 @@ impl MovingScene {
         let (motion, mesh) = (scene.motion.as_ref()?, &scene.mesh);
         let (first_vertex, first_triangle) = (motion.first_vertex(mesh), motion.first_triangle(mesh));
         let relative = |triangle: &[u32; 3]| triangle.map(|vertex| vertex - first_vertex as u32);
-        let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
+        let size = scene.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
         let tangents = if mesh.tangents.is_empty() { &[][..] } else { &mesh.tangents[first_vertex..] };
         Some(MovingScene {
             anchor: scene.anchor,
@@ -244,8 +244,10 @@ impl Lit {
         let is_lit = |triangle: &usize| !scene.materials[mesh.materials[*triangle] as usize].unlit;
         let still = (0..first_triangle).filter(is_lit);
         let corners = still.flat_map(|triangle| mesh.triangles[triangle]).map(|v| mesh.positions[v as usize]);
+        let instances =
+            scene.instanced.iter().flat_map(|instanced| instanced.boxes()).map(|(low, high)| [low, high]);
         Some(Lit {
-            still: corners.map(|p| [p, p]).reduce(both),
+            still: corners.map(|p| [p, p]).chain(instances).reduce(both),
             moving: (first_triangle..mesh.triangles.len()).filter(is_lit).map(|t| t as u32).collect(),
         })
     }

@@ -1,9 +1,10 @@
 //! Rays by kind, through the kernels that frames use but on a scene's shape alone: what measurements
 //! of speed trace.
 
+use std::sync::Arc;
 use std::time::Instant;
 
-use crate::bvh::WideBvh;
+use crate::bvh::Trees;
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::gpu::opencl::{Buffer, Device, Event, Program};
@@ -65,6 +66,11 @@ pub fn shape_of(mut scene: Scene) -> Scene {
     scene.mesh.tangents = Vec::new();
     scene.mesh.uvs = [Vec::new(), Vec::new()];
     scene.mesh.colors = Vec::new();
+    if let Some(instanced) = &mut scene.instanced {
+        let mesh = &mut Arc::make_mut(instanced).mesh;
+        mesh.materials.fill(0);
+        (mesh.tangents, mesh.uvs, mesh.colors) = Default::default();
+    }
     scene.textures = Vec::new();
     scene.lights = Vec::new();
     scene
@@ -101,25 +107,32 @@ impl Probe {
     ///
     /// # Errors
     /// Where the kernels do not build, or the scene does not fit.
-    pub fn new(device: &Device, shape: &Scene, bvh: &WideBvh, traversal: Traversal) -> Result<Self> {
-        Self::with_text(device, shape, bvh, traversal, &source::probe_text())
+    pub fn new<'a>(
+        device: &Device,
+        shape: &Scene,
+        trees: impl Into<Trees<'a>>,
+        traversal: Traversal,
+    ) -> Result<Self> {
+        Self::with_text(device, shape, trees, traversal, &source::probe_text())
     }
 
     /// The same with kernels of another text than [`source::probe_text`].
     ///
     /// # Errors
     /// As for [`Probe::new`].
-    pub fn with_text(
+    pub fn with_text<'a>(
         device: &Device,
         shape: &Scene,
-        bvh: &WideBvh,
+        trees: impl Into<Trees<'a>>,
         traversal: Traversal,
         text: &str,
     ) -> Result<Self> {
-        let options = source::options(device.info(), &Features::default(), bvh.depth(), traversal);
-        let program = Program::build(device, "probe", text, &options)?;
+        let trees = trees.into();
         let darkness = Environment::constant(glam::Vec3::ZERO);
-        let data = SceneData::pack(shape, bvh, &darkness)?;
+        let data = SceneData::pack(shape, trees, &darkness)?;
+        let features = Features { instances: shape.instanced.is_some(), ..Features::default() };
+        let options = source::options(device.info(), &features, data.depth, traversal);
+        let program = Program::build(device, "probe", text, &options)?;
         Ok(Probe {
             scene: SceneBuffers::upload(device, &data, traversal.into())?,
             traversal,

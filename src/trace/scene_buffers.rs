@@ -1,20 +1,21 @@
 //! A scene as devices take it, and in a device's memory.
 
 mod count;
+mod instances;
 mod instant;
 mod pack;
 
 use std::sync::OnceLock;
 
 use super::{Traversal, Traversals};
-use crate::bvh::WideBvh;
+use crate::bvh::Trees;
 use crate::bvh::compact::compact_nodes;
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
 use crate::layout::{self, pack_normal};
 use crate::scene::glossy;
 use crate::scene::importance::DirectionTable;
-use crate::scene::{Environment, Features, Scene};
+use crate::scene::{Environment, Features, Mesh, Scene};
 
 pub use count::tree_bytes;
 
@@ -52,6 +53,7 @@ pub struct SceneData {
     directions: Vec<layout::DirectionCell>,
     emitters: Option<PackedEmitters>,
     glossy: Option<Vec<[f32; 4]>>,
+    instances: Option<Vec<layout::Instance>>,
     shading: layout::Shading,
     cache: layout::CacheInfo,
 }
@@ -79,6 +81,7 @@ pub struct SceneBuffers {
     emitters: Option<Buffer<layout::Emitter>>,
     light_nodes: Option<Buffer<layout::LightNode>>,
     glossy: Option<Buffer<[f32; 4]>>,
+    instances: Option<Buffer<layout::Instance>>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
     pub shading: layout::Shading,
     /// What the cache of light has to know of the scene.
@@ -102,10 +105,14 @@ impl SceneData {
     /// Packs a scene.
     ///
     /// # Errors
-    /// [`Error::Setting`] where it has more materials or texels than kernels can tell apart.
-    pub fn pack(scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
-        let mut data = Self::pack_around_mesh(scene, bvh, environment)?;
-        let mesh = &scene.mesh;
+    /// [`Error::Setting`] where it has more materials, texels or triangles than kernels can tell apart.
+    ///
+    /// # Panics
+    /// Where there is not a tree for each shape that is kept once.
+    pub fn pack<'a>(scene: &Scene, trees: impl Into<Trees<'a>>, environment: &Environment) -> Result<Self> {
+        let trees = trees.into();
+        let mut data = Self::pack_around_mesh(scene, trees, environment)?;
+        let (mesh, bvh) = (&scene.mesh, trees.world);
         data.nodes = bvh.nodes.clone();
         data.leaves = bvh.leaf_vertices(&mesh.positions, &mesh.triangles);
         data.triangles = pack_triangles(scene, bvh);
@@ -115,11 +122,15 @@ impl SceneData {
             *uvs = uvs.take().map(|_| bytemuck::cast_slice(own).to_vec());
         }
         data.colors = data.colors.map(|_| mesh.colors.iter().map(pack_color).collect());
+        if let Some(instanced) = &scene.instanced {
+            data.append_shapes(scene, instanced, trees.shapes);
+        }
         Ok(data)
     }
 
     /// Packs all but what there is of each node, triangle or vertex, which is empty where it is needed.
-    fn pack_around_mesh(scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
+    fn pack_around_mesh(scene: &Scene, trees: Trees, environment: &Environment) -> Result<Self> {
+        let bvh = trees.world;
         if scene.materials.len() > layout::MAX_MATERIALS {
             return Err(Error::setting(
                 "scene",
@@ -131,20 +142,24 @@ impl SceneData {
             ));
         }
         let features = Features::required_by(scene, environment);
-        let mesh = &scene.mesh;
         let directions = DirectionTable::new(environment);
         let (infos, texels) = pack_textures(scene)?;
         let packed = PackedEmitters::of(scene, bvh);
-        let uv = |slot: usize| (features.textures && !mesh.uvs[slot].is_empty()).then(Vec::new);
+        let has = |part: &dyn Fn(&Mesh) -> bool| scene.meshes().any(part);
+        let uv = |slot: usize| (features.textures && has(&|mesh| !mesh.uvs[slot].is_empty())).then(Vec::new);
+        let has_tangents =
+            (features.normal_maps || features.layers) && has(&|mesh| !mesh.tangents.is_empty());
+        let instances =
+            scene.instanced.as_ref().map(|shared| instances::records(shared, trees)).transpose()?;
         Ok(SceneData {
-            depth: bvh.depth(),
+            depth: trees.depth(),
             anchor: scene.anchor,
             nodes: Vec::new(),
             compact: OnceLock::new(),
             leaves: Vec::new(),
             triangles: Vec::new(),
             normals: Vec::new(),
-            tangents: ((features.normal_maps || features.layers) && !mesh.tangents.is_empty()).then(Vec::new),
+            tangents: has_tangents.then(Vec::new),
             uvs: [uv(0), uv(1)],
             colors: features.vertex_colors.then(Vec::new),
             materials: pack_materials(scene),
@@ -158,6 +173,7 @@ impl SceneData {
             emitters: packed,
             cache: cache_info(scene, environment),
             glossy: features.glossy.then(|| glossy::prefiltered(environment)),
+            instances,
             features,
         })
     }
@@ -197,6 +213,7 @@ impl SceneData {
             of("environment", &self.environment),
             of("directions", &self.directions),
             may("glossy environment", &self.glossy),
+            may("instances", &self.instances),
         ]
         .into_iter()
         .chain(emitters)
@@ -295,13 +312,14 @@ impl SceneBuffers {
             light_nodes: (data.emitters.as_ref().map(|e| Buffer::from_slice(device, &e.nodes)))
                 .transpose()?,
             glossy: may(device, &data.glossy)?,
+            instances: may(device, &data.instances)?,
             shading: data.shading,
             cache: data.cache,
         })
     }
 
     /// How many arguments a scene is.
-    pub(super) const ARGUMENTS: usize = 18;
+    pub(super) const ARGUMENTS: usize = 19;
 
     /// The first arguments of a variant's kernels, in the order of `SCENE_PARAMETERS`.
     pub fn args(&self, traversal: Traversal) -> Vec<Arg<'_>> {
@@ -327,6 +345,7 @@ impl SceneBuffers {
             Arg::optional(&self.emitters),
             Arg::optional(&self.light_nodes),
             Arg::optional(&self.glossy),
+            Arg::optional(&self.instances),
         ]
     }
 

@@ -5,7 +5,7 @@ mod launch;
 mod pattern;
 mod programs;
 
-use crate::bvh::WideBvh;
+use crate::bvh::Trees;
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::foveation::workload::{Part, TILE_PIXELS};
@@ -101,9 +101,14 @@ impl Tracer {
     ///
     /// # Errors
     /// Where the kernels do not build, or the scene does not fit.
-    pub fn new(device: &Device, scene: &Scene, bvh: &WideBvh, environment: &Environment) -> Result<Self> {
+    pub fn new<'a>(
+        device: &Device,
+        scene: &Scene,
+        trees: impl Into<Trees<'a>>,
+        environment: &Environment,
+    ) -> Result<Self> {
         let features = Features::required_by(scene, environment);
-        Self::with_features(device, scene, bvh, environment, &features, Traversal::for_device(device))
+        Self::with_features(device, scene, trees, environment, &features, Traversal::for_device(device))
     }
 
     /// Builds the variants of the kernels that a packed scene requires, has the device show that they work, and
@@ -121,15 +126,15 @@ impl Tracer {
 
     /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
     /// given variants.
-    pub fn with_features(
+    pub fn with_features<'a>(
         device: &Device,
         scene: &Scene,
-        bvh: &WideBvh,
+        trees: impl Into<Trees<'a>>,
         environment: &Environment,
         features: &Features,
         traversals: impl Into<Traversals>,
     ) -> Result<Self> {
-        let data = SceneData::pack(scene, bvh, environment)?;
+        let data = SceneData::pack(scene, trees, environment)?;
         let programs = Programs::build(device, features, data.depth, traversals.into())?;
         Self::with_programs(device, &programs, &data)
     }

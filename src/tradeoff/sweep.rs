@@ -147,7 +147,7 @@ pub fn sweep(
 
 /// A name for all that results depend on.
 fn fingerprint(subject: &Subject<'_>) -> String {
-    let mesh = &subject.loaded.scene.mesh;
+    let scene = &subject.loaded.scene;
     let environment = &subject.loaded.environment;
     let settings = format!(
         "{} {:?} {:?} {:?} {:?} {}",
@@ -158,11 +158,13 @@ fn fingerprint(subject: &Subject<'_>) -> String {
         subject.heads.iter().map(|pair| (subject.views)(pair[0])).collect::<Vec<_>>(),
         subject.device
     );
-    Fingerprint::default()
-        .add(settings.as_bytes())
-        .add(bytemuck::cast_slice(&mesh.positions))
-        .add(bytemuck::cast_slice(&mesh.triangles))
-        .add(format!("{:?}", subject.loaded.scene.materials).as_bytes())
+    let print = scene.meshes().fold(Fingerprint::default().add(settings.as_bytes()), |print, mesh| {
+        print.add(bytemuck::cast_slice(&mesh.positions)).add(bytemuck::cast_slice(&mesh.triangles))
+    });
+    let instances = scene.instanced.as_ref().map(|instanced| &instanced.instances);
+    print
+        .add(format!("{instances:?}").as_bytes())
+        .add(format!("{:?}", scene.materials).as_bytes())
         .add(bytemuck::cast_slice(&environment.texels))
         .add(format!("{:?}", environment.sun).as_bytes())
         .name()
@@ -409,7 +411,7 @@ impl Bench<'_> {
             .expect("there is a reference for the given settings");
         Ok(Report {
             scene: self.subject.scene.clone(),
-            triangles: self.subject.loaded.scene.mesh.triangles.len(),
+            triangles: self.subject.loaded.scene.triangles(),
             provenance: Provenance::now(self.subject.drivers.clone(), key),
             device: self.subject.device.clone(),
             size: [eyes.iter().map(|e| e.width).sum(), eyes[0].height],

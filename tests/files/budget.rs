@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use foveate::scene::budget::Budget;
+use foveate::scene::{Instancing, LoadOptions, Scene};
 use serde_json::json;
 
 use crate::common::builder::{Builder, FLOAT};
@@ -124,6 +126,10 @@ fn triangles_of_instances_are_counted_before_they_are_placed() {
         let node = builder.push("nodes", json!({ "mesh": 0 }));
         builder.show(node);
     }
-    let refusal = load_in(folder.path(), &builder, 12_000 * MEGABYTE).unwrap_err().to_string();
+    let path = folder.path().join("scene.gltf");
+    std::fs::write(&path, builder.document().to_string()).unwrap();
+    let budget = Budget::with_free(12_000 * MEGABYTE);
+    let options = LoadOptions { budget, instancing: Instancing::Flat, ..LoadOptions::default() };
+    let refusal = Scene::load_with(&path, &options).unwrap_err().to_string();
     assert!(refusal.contains("14.40 GB for triangles") && refusal.contains("show less of it"), "{refusal}");
 }

@@ -6,6 +6,7 @@ mod budget;
 mod common;
 mod damaged;
 mod extensions;
+mod instancing;
 mod obj;
 mod tolerance;
 mod types;

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use foveate::bvh::WideBvh;
+use foveate::bvh::{Trees, WideBvh};
 use foveate::foveation::{Law, Pattern};
 use foveate::gpu::opencl::{Buffer, Device, device};
 use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
@@ -23,6 +23,8 @@ pub const EVERYTHING: Features = Features {
     layers: true,
     glass: true,
     glossy: true,
+    // Others have none, and buffers for none.
+    instances: false,
 };
 
 /// 32 rays, no bounces, records of radiance.
@@ -48,7 +50,7 @@ pub fn on_every_device(test: impl Fn(&Device)) {
 
 /// A scene on a device.
 pub struct Bench {
-    bvh: WideBvh,
+    bvh: Option<WideBvh>,
     tracer: Tracer,
     device: Device,
 }
@@ -57,7 +59,7 @@ pub struct Bench {
 pub struct Picture {
     pub samples: Vec<SampleRecord>,
     pub visibility: Vec<VisibilityRecord>,
-    /// Triangles are the mesh's own.
+    /// Triangles are the mesh's own, but those of a bench with instances.
     pub hits: Vec<HitRecord>,
     pub rays: u64,
     pub dropped: u32,
@@ -93,7 +95,20 @@ impl Bench {
         bvh: WideBvh,
     ) -> Self {
         let tracer = Tracer::with_features(device, scene, &bvh, environment, features, traversal).unwrap();
-        Bench { bvh, tracer, device: device.clone() }
+        Bench { bvh: Some(bvh), tracer, device: device.clone() }
+    }
+
+    /// With trees of which hits are not to be told by the mesh's triangles.
+    pub fn grown(
+        device: &Device,
+        scene: &Scene,
+        environment: &Environment,
+        features: &Features,
+        traversal: Traversal,
+        trees: Trees,
+    ) -> Self {
+        let tracer = Tracer::with_features(device, scene, trees, environment, features, traversal).unwrap();
+        Bench { bvh: None, tracer, device: device.clone() }
     }
 
     /// Makes steps of the cache of light, where a pattern's samples look.
@@ -120,8 +135,10 @@ impl Bench {
         let done = self.tracer.finish(work).unwrap();
         let rays = if settings.guided { view.pixels() } else { count };
         let mut hits = self.tracer.hits(rays).unwrap();
-        for hit in hits.iter_mut().filter(|hit| hit.triangle != u32::MAX) {
-            hit.triangle = self.bvh.order[hit.triangle as usize].triangle;
+        if let Some(bvh) = &self.bvh {
+            for hit in hits.iter_mut().filter(|hit| hit.triangle != u32::MAX) {
+                hit.triangle = bvh.order[hit.triangle as usize].triangle;
+            }
         }
         Picture {
             samples: samples.to_vec().unwrap(),

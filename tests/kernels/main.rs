@@ -9,6 +9,7 @@ mod convex;
 mod edges;
 mod guided;
 mod hits;
+mod instances;
 mod pictures;
 mod radiance;
 mod records;

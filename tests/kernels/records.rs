@@ -464,7 +464,8 @@ fn specialised_kernels_are_the_general_ones() {
     });
 }
 
-/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun, emitters, layers, glass, glossy.
+/// The flags by their bits: textures, normal maps, alpha, vertex colours, sun, emitters, layers, glass, glossy,
+/// instances.
 fn combination(bits: u32) -> Features {
     let on = |bit: u32| bits >> bit & 1 != 0;
     Features {
@@ -477,6 +478,7 @@ fn combination(bits: u32) -> Features {
         layers: on(6),
         glass: on(7),
         glossy: on(8),
+        instances: on(9),
     }
 }
 
@@ -495,13 +497,13 @@ fn build(device: &Device, combinations: impl Iterator<Item = u32>) {
 
 #[test]
 fn each_feature_builds_alone_and_beside_all_others() {
-    on_every_device(|device| build(device, (0..9).map(|bit| 1 << bit).chain([0, 0b1_1111_1111])));
+    on_every_device(|device| build(device, (0..10).map(|bit| 1 << bit).chain([0, 0b11_1111_1111])));
 }
 
 #[test]
-#[ignore = "1024 builds: make test-long"]
+#[ignore = "1044 builds: make test-long"]
 fn long_every_combination_of_features_builds() {
-    on_every_device(|device| build(device, 0..512));
+    on_every_device(|device| build(device, (0..512).chain((0..10).map(|bit| 1 << 9 | (1 << bit) >> 1))));
 }
 
 fn trace_with(

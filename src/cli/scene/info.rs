@@ -54,15 +54,15 @@ pub fn run(args: &Args) -> Result<()> {
     let loaded = Loaded::from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
     let traversals = config.trace.traversal.on(&machine.device).traversals;
-    let device_buffers = SceneData::count(&loaded.scene, &loaded.bvh, &loaded.environment, traversals)?;
+    let device_buffers = SceneData::count(&loaded.scene, loaded.trees(), &loaded.environment, traversals)?;
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),
         bvh: BvhInfo {
-            nodes: loaded.bvh.nodes.len(),
-            depth: loaded.bvh.depth(),
+            nodes: loaded.bvh.nodes.len() + loaded.shapes.iter().map(|tree| tree.nodes.len()).sum::<usize>(),
+            depth: loaded.depth(),
             bytes_per_triangle: tree_bytes(&device_buffers) as f64
-                / loaded.scene.mesh.triangles.len().max(1) as f64,
+                / loaded.scene.meshes().map(|mesh| mesh.triangles.len()).sum::<usize>().max(1) as f64,
             cost: loaded.bvh.cost(),
         },
         device: machine.device.info().name.clone(),
@@ -82,6 +82,15 @@ impl Info {
         };
         line("triangles", format!("{} with {} vertices", scene.triangles, scene.vertices));
         line("instances", scene.instances.to_string());
+        if let Some(shared) = scene.shared {
+            line(
+                "kept once",
+                format!(
+                    "{} shapes of {} triangles, at {} places",
+                    shared.shapes, shared.triangles, shared.instances
+                ),
+            );
+        }
         line("materials", scene.materials.to_string());
         line("textures", format!("{}, {} with mip levels", scene.textures, size(scene.texture_bytes)));
         line("bounds", scene.bounds.map_or("none".into(), |b| format!("{:.3?} to {:.3?} m", b.min, b.max)));

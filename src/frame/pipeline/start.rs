@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use super::{Output, Renderer};
-use crate::bvh::Parted;
 use crate::config::{Config, Method, Quality, WeightsConfig};
 use crate::error::Result;
 use crate::frame::load::{Loaded, Step, fitting_environment, timed};
@@ -129,8 +128,8 @@ fn probe(device: &Device, context: &Context) -> Sharing {
 /// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.
 fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
     let environment = fitting_environment(&loaded.environment, devices);
-    let mut data = SceneData::pack(&loaded.scene, &loaded.bvh, &environment)?;
-    data.depth = loaded.parted.as_ref().map_or(data.depth, Parted::depth);
+    let mut data = SceneData::pack(&loaded.scene, loaded.trees(), &environment)?;
+    data.depth = loaded.depth();
     let data = Arc::new(data);
     let walking = |device: &Device| {
         let choice = config.trace.traversal.on(device);

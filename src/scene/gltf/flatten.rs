@@ -8,12 +8,15 @@ use super::vectors::{transform_normal, transform_tangent, unit_normals, usable_t
 use crate::scene::animation::{Part, Pose, Vertices};
 use crate::scene::{LeftOut, Mesh};
 
-/// The centre of the world bounds of all instances in a pose; the origin when there is nothing.
+/// The centre of the world bounds of all instances in a pose; the origin when there is nothing. Of shapes that are kept once
+/// the boxes' corners are asked.
 pub fn anchor(surfaces: &[Surface], pose: &Pose) -> DVec3 {
     let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let around = |points: &mut dyn Iterator<Item = DVec3>| {
         points.filter(|p| p.is_finite()).fold(nothing, |(low, high), p| (low.min(p), high.max(p)))
     };
+    let boxes: Vec<Option<[DVec3; 8]>> =
+        surfaces.par_iter().map(|surface| surface.shape.shared.then(|| box_corners(surface))).collect();
     let (low, high) = instances(surfaces)
         .par_iter()
         .map(|&(index, instance)| {
@@ -27,6 +30,9 @@ pub fn anchor(surfaces: &[Surface], pose: &Pose) -> DVec3 {
                 }
                 _ => {
                     let world = &shape.transforms[instance];
+                    if let Some(corners) = &boxes[index] {
+                        return around(&mut corners.iter().map(|&p| world.transform_point3(p)));
+                    }
                     around(&mut corners.map(|i| world.transform_point3(shape.positions[i].as_dvec3())))
                 }
             }
@@ -34,6 +40,12 @@ pub fn anchor(surfaces: &[Surface], pose: &Pose) -> DVec3 {
         .reduce(|| nothing, |a, b| (a.0.min(b.0), a.1.max(b.1)));
     let centre = low * 0.5 + high * 0.5;
     if centre.is_finite() { centre } else { DVec3::ZERO }
+}
+
+/// The corners of the box around a surface's triangles.
+fn box_corners(surface: &Surface) -> [DVec3; 8] {
+    let (low, high) = surface.shape.bounds();
+    std::array::from_fn(|i| DVec3::select(glam::BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0), high, low))
 }
 
 /// All instances: the numbers of their surfaces, and theirs among the surface's.
@@ -45,14 +57,17 @@ fn instances(surfaces: &[Surface]) -> Vec<(usize, usize)> {
 }
 
 /// A surface of one instance.
-struct Placed<'a> {
+pub(super) struct Placed<'a> {
     surface: &'a Surface,
     material: u32,
-    positions: Vec<Vec3>,
+    /// Relative to the anchor.
+    pub(super) positions: Vec<Vec3>,
     normals: Vec<Vec3>,
     tangents: Vec<Vec4>,
-    triangles: Vec<[u32; 3]>,
-    dropped: LeftOut,
+    /// With an area.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// Those without.
+    pub(super) dropped: LeftOut,
     /// What it is as a part of the scene's motion.
     part: Option<Part>,
 }
@@ -81,7 +96,8 @@ impl<'a> Placed<'a> {
         Placed { surface, material, positions, normals, tangents, triangles, dropped, part: Some(part) }
     }
 
-    fn still(surface: &'a Surface, material: u32, world: &DMat4, anchor: DVec3) -> Self {
+    /// Of a surface that does not move, by `world_from_shape`.
+    pub(super) fn still(surface: &'a Surface, material: u32, world: &DMat4, anchor: DVec3) -> Self {
         let shape = &surface.shape;
         let mut anchor_from_shape = *world;
         anchor_from_shape.w_axis -= anchor.extend(0.0);
@@ -132,7 +148,8 @@ pub fn flatten(
     (mesh, parts, count, dropped)
 }
 
-fn join(placed: Vec<Placed<'_>>) -> (Mesh, Vec<Part>) {
+/// All in one mesh, one after the other, and those that move.
+pub(super) fn join(placed: Vec<Placed<'_>>) -> (Mesh, Vec<Part>) {
     let vertices = placed.iter().map(|p| p.positions.len()).sum();
     let triangles = placed.iter().map(|p| p.triangles.len()).sum();
     let has_uvs = [0, 1].map(|slot| placed.iter().any(|p| !p.surface.uvs[slot].is_empty()));

@@ -29,6 +29,7 @@ mod placed;
 mod placements;
 mod reader;
 mod shape;
+mod shared;
 mod skin;
 mod surface;
 mod tangents;
@@ -56,10 +57,11 @@ use self::placements::{Placement, placements};
 use self::shape::Shape;
 use self::surface::Surface;
 use super::animation::{Clip, ClipInfo, Motion, MovingLight, Part, choose};
+use super::instanced::Instanced;
 use super::options::by_name;
 use super::source::{self, Folder};
 use super::texture::mip_levels;
-use super::{LeftOut, LoadOptions, Outcome, Scene, Texture};
+use super::{LeftOut, LoadOptions, Material, Outcome, Scene, Texture, emitters};
 use crate::{Error, Result};
 
 /// A `.glb` cannot be longer, and no sensible `.gltf` is.
@@ -184,11 +186,15 @@ fn unplaced(
 
 impl Unplaced {
     fn scene(self, document: &Document, options: &LoadOptions) -> Outcome<Scene> {
-        let Unplaced { surfaces, finished, textures, nodes, animations, mut dropped, mut warnings } = self;
+        let Unplaced { mut surfaces, finished, textures, nodes, animations, mut dropped, mut warnings } =
+            self;
         let anchor = flatten::anchor(&surfaces, &nodes.pose);
         let numbers: HashMap<Option<usize>, u32> = finished.keys().copied().zip(0..).collect();
         let material_of: Vec<u32> = surfaces.iter().map(|surface| numbers[&surface.shape.material]).collect();
         let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
+        let materials: Vec<Material> = finished.into_values().map(|finished| finished.material).collect();
+        let (instanced, lost) = instanced(&mut surfaces, &material_of, &materials, anchor, options)?;
+        dropped.add(lost, 1);
         let (mesh, parts, instances, collapsed) =
             flatten::flatten(&surfaces, &material_of, &nodes.pose, anchor);
         drop(surfaces);
@@ -200,10 +206,11 @@ impl Unplaced {
         let cameras = placed::cameras(document, &nodes, &mut warnings);
         let mut said = HashSet::new();
         warnings.retain(|warning| said.insert(warning.clone()));
-        let materials = finished.into_values().map(|finished| finished.material).collect();
         Ok(Scene {
             anchor,
             mesh,
+            instances: instances + instanced.as_ref().map_or(0, |instanced| instanced.instances.len()),
+            instanced: instanced.map(Arc::new),
             materials,
             textures,
             lights: placed.into_iter().map(|placed| placed.light).collect(),
@@ -213,11 +220,29 @@ impl Unplaced {
             motion,
             scenes: document.scenes.iter().map(|scene| scene.name.clone().unwrap_or_default()).collect(),
             variants: variants::names(document),
-            instances,
             left_out: dropped,
             warnings,
         })
     }
+}
+
+/// Takes what is kept once from the surfaces, and what of it was left out. What shines is not, since emitters are aimed at
+/// one by one.
+fn instanced(
+    surfaces: &mut [Surface],
+    material_of: &[u32],
+    materials: &[Material],
+    anchor: glam::DVec3,
+    options: &LoadOptions,
+) -> Outcome<(Option<Instanced>, LeftOut)> {
+    let shines = |number: &u32| emitters::shines(&materials[*number as usize]);
+    let shared = |(surface, number): (&Surface, &u32)| surface.shape.shared && !shines(number);
+    let kept: Vec<bool> = surfaces.iter().zip(material_of).map(shared).collect();
+    let flattened = surfaces.iter().zip(&kept).filter(|(surface, kept)| surface.shape.shared && !**kept);
+    let triangles =
+        flattened.map(|(s, _)| (s.shape.triangles.len() as u64) * s.shape.transforms.len() as u64);
+    options.budget.plan_triangles(triangles.sum())?;
+    Ok(shared::take(surfaces, material_of, &kept, anchor))
 }
 
 /// Keeps the shapes that have triangles; what is left out, of all instances.

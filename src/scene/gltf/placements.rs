@@ -28,6 +28,8 @@ pub struct Placement {
     pub transforms: Vec<DMat4>,
     /// How it moves, where it does and motion is kept.
     pub moving: Option<Moving>,
+    /// It is to be kept once, if nothing else speaks against it.
+    pub shared: bool,
 }
 
 /// Everything that the scene's nodes show and that has triangles.
@@ -41,7 +43,7 @@ pub fn placements(
     let mut list: Vec<Placement> = Vec::new();
     let mut known: HashMap<_, usize> = HashMap::new();
     let (mut thin, mut without_positions) = (0_usize, 0_usize);
-    options.budget.plan_triangles(triangles(document, nodes))?;
+    options.budget.plan_instances(instances(document, nodes))?;
     for &index in &nodes.shown {
         let node = &document.nodes[index];
         let Some(mesh) = node.mesh else { continue };
@@ -87,13 +89,41 @@ pub fn placements(
                         places: places().collect(),
                     });
                     let transforms = worlds.clone();
-                    list.push(Placement { mesh: mesh.0, primitive: i, skin, weights, transforms, moving });
+                    let shared = false;
+                    list.push(Placement {
+                        mesh: mesh.0,
+                        primitive: i,
+                        skin,
+                        weights,
+                        transforms,
+                        moving,
+                        shared,
+                    });
                 }
             }
         }
     }
     tell_left_out(thin, without_positions, warnings);
+    share(document, &mut list, options)?;
     Ok(list)
+}
+
+/// Says which primitives are kept once, and plans the triangles of all.
+fn share(document: &Document, list: &mut [Placement], options: &LoadOptions) -> Outcome<()> {
+    let once = |placement: &Placement| {
+        once(document, &document.meshes[placement.mesh].primitives[placement.primitive]) as u64
+    };
+    let copies = |placement: &Placement| placement.transforms.len() as u64;
+    let all = |list: &[Placement]| {
+        list.iter().map(|p| once(p).saturating_mul(copies(p))).fold(0, u64::saturating_add)
+    };
+    let sum = all(list);
+    for placement in list.iter_mut().filter(|placement| placement.moving.is_none()) {
+        placement.shared = options.instancing.shares(once(placement), copies(placement), sum);
+    }
+    // Mirrored ones have a shape of their own.
+    let kept = |p: &Placement| once(p).saturating_mul(if p.shared { copies(p).min(2) } else { copies(p) });
+    options.budget.plan_triangles(list.iter().map(kept).fold(0, u64::saturating_add))
 }
 
 /// Tells of primitives that rays cannot hit.
@@ -122,15 +152,13 @@ fn locals(document: &Document, buffers: &Buffers<'_>, node: &Node, index: usize)
     }
 }
 
-/// Triangles of all instances.
-fn triangles(document: &Document, nodes: &Nodes) -> u64 {
+/// Instances of all primitives.
+fn instances(document: &Document, nodes: &Nodes) -> u64 {
     let of_node = |&index: &usize| {
         let node = &document.nodes[index];
         let copies = node.extensions.instances.as_ref().map_or(1, |i| instances::count(document, i));
-        let primitives = node.mesh.iter().flat_map(|mesh| &document.meshes[mesh.0].primitives);
-        let once: usize =
-            primitives.map(|primitive| once(document, primitive)).fold(0, usize::saturating_add);
-        once.saturating_mul(copies) as u64
+        let primitives: usize = node.mesh.iter().map(|mesh| document.meshes[mesh.0].primitives.len()).sum();
+        primitives.saturating_mul(copies) as u64
     };
     nodes.shown.iter().map(of_node).fold(0, u64::saturating_add)
 }

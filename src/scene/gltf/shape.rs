@@ -37,6 +37,8 @@ pub struct Shape {
     pub transforms: Vec<DMat4>,
     /// How it moves; then its vertices are as in the file, neither morphed nor skinned.
     pub moving: Option<Moving>,
+    /// It is to be kept once, if nothing else speaks against it.
+    pub shared: bool,
     /// The file has no normals: each triangle has its own three vertices.
     pub flat: bool,
     /// Triangles that were left out.
@@ -44,6 +46,13 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// The box around its triangles.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let corners =
+            self.triangles.iter().flatten().map(|&corner| self.positions[corner as usize].as_dvec3());
+        corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    }
+
     /// Reads what `placement` places.
     pub fn read(
         document: &Document,
@@ -68,6 +77,7 @@ impl Shape {
             triangles,
             transforms: placement.transforms,
             moving: placement.moving,
+            shared: placement.shared,
             flat: false,
             dropped: LeftOut::default(),
         };

@@ -1,10 +1,10 @@
 //! How large a scene's buffers will be, without making those that hold something for each triangle.
 
 use super::{BufferBytes, SceneData};
-use crate::bvh::{LEAF_TRIANGLES, WideBvh};
+use crate::bvh::{LEAF_TRIANGLES, Trees, WideBvh};
 use crate::error::Result;
 use crate::layout;
-use crate::scene::{Environment, Mesh, Scene};
+use crate::scene::{Environment, Scene};
 use crate::trace::Traversals;
 
 impl SceneData {
@@ -12,15 +12,16 @@ impl SceneData {
     ///
     /// # Errors
     /// As [`SceneData::pack`].
-    pub fn count(
+    pub fn count<'a>(
         scene: &Scene,
-        bvh: &WideBvh,
+        trees: impl Into<Trees<'a>>,
         environment: &Environment,
         traversals: Traversals,
     ) -> Result<Vec<BufferBytes>> {
-        let mut buffers = Self::pack_around_mesh(scene, bvh, environment)?.bytes(traversals);
+        let trees = trees.into();
+        let mut buffers = Self::pack_around_mesh(scene, trees, environment)?.bytes(traversals);
         for buffer in &mut buffers {
-            if let Some(bytes) = mesh_bytes(buffer.name, &scene.mesh, bvh) {
+            if let Some(bytes) = mesh_bytes(buffer.name, scene, trees) {
                 buffer.bytes = bytes;
             }
         }
@@ -29,18 +30,21 @@ impl SceneData {
 }
 
 /// Bytes of a buffer that holds something for each node, triangle or vertex.
-fn mesh_bytes(name: &str, mesh: &Mesh, bvh: &WideBvh) -> Option<usize> {
-    let (nodes, places) = (bvh.nodes.len(), bvh.order.len());
+fn mesh_bytes(name: &str, scene: &Scene, trees: Trees) -> Option<usize> {
+    let of =
+        |part: &dyn Fn(&WideBvh) -> usize| part(trees.world) + trees.shapes.iter().map(part).sum::<usize>();
+    let (nodes, places) = (of(&|tree| tree.nodes.len()), of(&|tree| tree.order.len()));
+    let vertices: usize = scene.meshes().map(|mesh| mesh.positions.len()).sum();
     let (count, each) = match name {
         "nodes" => (nodes, size_of::<layout::WideNode>()),
         "compact nodes" => (nodes, size_of::<layout::CompactNode>()),
         "leaves" => (places * 9 + LEAF_TRIANGLES, size_of::<f32>()),
         "triangles" => (places, size_of::<layout::Triangle>()),
-        "normals" => (mesh.normals.len(), size_of::<u32>()),
-        "tangents" => (mesh.tangents.len(), size_of::<[f32; 4]>()),
-        "uv 0" => (mesh.uvs[0].len(), size_of::<[f32; 2]>()),
-        "uv 1" => (mesh.uvs[1].len(), size_of::<[f32; 2]>()),
-        "colors" => (mesh.colors.len(), size_of::<[u16; 4]>()),
+        "normals" => (vertices, size_of::<u32>()),
+        "tangents" => (vertices, size_of::<[f32; 4]>()),
+        "uv 0" => (vertices, size_of::<[f32; 2]>()),
+        "uv 1" => (vertices, size_of::<[f32; 2]>()),
+        "colors" => (vertices, size_of::<[u16; 4]>()),
         _ => return None,
     };
     Some(count.max(1) * each)
@@ -55,12 +59,14 @@ pub fn tree_bytes(buffers: &[BufferBytes]) -> usize {
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+    use std::sync::Arc;
 
     use glam::{Vec2, Vec3, Vec4};
 
     use super::*;
-    use crate::scene::Features;
     use crate::scene::generate::demo;
+    use crate::scene::instanced::{Instance, InstancedShape};
+    use crate::scene::{Features, Instanced};
     use crate::trace::Traversal;
 
     /// The demo scene, alone and with all that a mesh can have.
@@ -75,11 +81,23 @@ mod tests {
         full.mesh.colors = vec![Vec4::splat(0.5); vertices];
         let features = Features::required_by(&full, &light);
         assert!(features.textures && features.normal_maps && features.vertex_colors);
-        for scene in [plain, full] {
+        let mut shared = plain.clone();
+        let place = Instance { shape: 0, anchor_from_shape: [[1.0, 0.0, 0.0, 9.0]; 3] };
+        shared.instanced = Some(Arc::new(Instanced {
+            shapes: vec![InstancedShape {
+                triangles: 0..full.mesh.triangles.len(),
+                vertices: 0..full.mesh.positions.len(),
+            }],
+            mesh: full.mesh.clone(),
+            instances: vec![place; 3],
+        }));
+        for scene in [plain, full, shared] {
             let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-            let packed = SceneData::pack(&scene, &bvh, &light).unwrap();
+            let shapes = scene.instanced.iter().map(|_| bvh.clone()).collect::<Vec<_>>();
+            let trees = Trees { world: &bvh, shapes: &shapes };
+            let packed = SceneData::pack(&scene, trees, &light).unwrap();
             for traversals in Traversal::ALL.map(Traversals::from) {
-                let counted = SceneData::count(&scene, &bvh, &light, traversals).unwrap();
+                let counted = SceneData::count(&scene, trees, &light, traversals).unwrap();
                 assert_eq!(counted, packed.bytes(traversals));
                 assert!(tree_bytes(&counted) > scene.mesh.triangles.len() * 52);
             }

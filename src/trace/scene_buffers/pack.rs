@@ -43,7 +43,13 @@ pub(in crate::trace) fn pack_triangle(
 
 /// A triangle's material, and what hits need to know of it at once.
 pub(in crate::trace) fn pack_material_of(scene: &Scene, triangle: usize) -> u32 {
-    let material = scene.mesh.materials[triangle];
+    let packed = pack_still_material(scene, scene.mesh.materials[triangle]);
+    let moves = scene.motion.as_ref().is_some_and(|motion| triangle >= motion.first_triangle(&scene.mesh));
+    if moves { packed | layout::TRIANGLE_MOVES } else { packed }
+}
+
+/// The same of a triangle that does not move, by its material.
+pub(super) fn pack_still_material(scene: &Scene, material: u32) -> u32 {
     let properties = &scene.materials[material as usize];
     let mut packed = material;
     if properties.alpha != AlphaMode::Opaque || properties.glass.is_some() {
@@ -51,9 +57,6 @@ pub(in crate::trace) fn pack_material_of(scene: &Scene, triangle: usize) -> u32 
     }
     if properties.double_sided {
         packed |= layout::TRIANGLE_DOUBLE_SIDED;
-    }
-    if scene.motion.as_ref().is_some_and(|motion| triangle >= motion.first_triangle(&scene.mesh)) {
-        packed |= layout::TRIANGLE_MOVES;
     }
     packed
 }
@@ -219,7 +222,7 @@ fn most_found(sun: f32, environment: &Environment, lamps: f32) -> f32 {
 
 /// The scale of the scene and of its light.
 pub(super) fn cache_info(scene: &Scene, environment: &Environment) -> layout::CacheInfo {
-    let size = scene.mesh.bounds().map_or(1.0, |(low, high)| (high - low).length()).max(f32::MIN_POSITIVE);
+    let size = scene.bounds().map_or(1.0, |(low, high)| (high - low).length()).max(f32::MIN_POSITIVE);
     let map = environment.texels.iter().fold(0.0f32, |most, texel| most.max(texel.max_element())).min(1e6);
     let sun = environment.sun.map_or(0.0, |sun| sun.radiance.max_element() * (1.0 - sun.cos_radius) * 2.0);
     let shown = scene

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec2;
 
 use super::*;
+use crate::bvh::WideBvh;
 use crate::config::EnvironmentConfig;
 use crate::foveation::Law;
 use crate::frame::load::environment;
