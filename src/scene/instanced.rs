@@ -3,14 +3,14 @@
 //! **Instances.** A forest of ten thousand trees of a hundred thousand triangles each would be a thousand million
 //! triangles. Where a file places one primitive often, and all instances together have more than [`FLAT_TRIANGLES`]
 //! triangles, it stays one shape with a tree of its own; the scene's tree has a leaf for each place, which holds
-//! the matrix that puts the shape there. Rays are not turned into the shape's frame: its triangles and the boxes of its
-//! tree are turned into the world's while they are tested, so that packets, frustums and beams go on as they are, and
-//! the triangles at an edge see the same two points, watertight as ever. The price is a looser box around a turned one.
-//! Light, records and pictures know only points of the world, so that a picture is what the flattened scene's is but for
-//! the rounding of positions (a unit in the last place of a coordinate relative to the anchor). Surfaces of two
-//! instances that touch are rounded each by itself, unlike flattened ones: a ray in 10^7 may pass between.
+//! the matrix that puts the shape there. Triangles are put into the world while they are tested, so that those at an edge
+//! see the same two points, watertight as ever; boxes are tested in the shape's frame, where they fit, with rays,
+//! frustums and beams that are turned once for each instance they come into. Light, records and pictures know only
+//! points of the world, so that a picture is what the flattened scene's is but for the rounding of positions (units in
+//! the last place of a coordinate relative to the anchor). Surfaces of two instances that touch are rounded each by
+//! itself: unlike flattened ones they may leave a gap of that width.
 //!
-//! What is flattened all the same: small scenes, whose rays are faster so; what moves; what shines, since emitters are
+//! What is flattened all the same: small scenes, where that saves little; what moves; what shines, since emitters are
 //! aimed at one by one; and places of a matrix that flattens the shape.
 
 use std::ops::Range;
