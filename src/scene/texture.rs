@@ -1,5 +1,6 @@
 //! Textures as 8-bit RGBA with their mip levels.
 
+mod basis;
 mod decode;
 
 use std::sync::{Arc, LazyLock};

@@ -26,7 +26,7 @@ use serde_json::json;
 pub type Entry = fn(&[u8]) -> bool;
 
 /// All of them by name, which is also that of the fuzz target and of its corpus' folder.
-pub const ENTRIES: [(&str, Entry); 19] = [
+pub const ENTRIES: [(&str, Entry); 20] = [
     ("gltf", |bytes| scene("scene.gltf", bytes)),
     ("glb", |bytes| scene("scene.glb", bytes)),
     ("obj", obj),
@@ -35,6 +35,7 @@ pub const ENTRIES: [(&str, Entry); 19] = [
     ("webp", |bytes| picture("webp", bytes)),
     ("bmp", |bytes| picture("bmp", bytes)),
     ("tga", |bytes| picture("tga", bytes)),
+    ("ktx2", |bytes| picture("ktx2", bytes)),
     ("hdr", |bytes| Environment::load(&written("map.hdr", bytes)).is_ok()),
     ("exr", |bytes| Environment::load(&written("map.exr", bytes)).is_ok()),
     ("draco", draco),

@@ -13,7 +13,7 @@ type Seed = (&'static str, &'static str, Vec<u8>);
 
 /// All of them.
 pub fn all() -> Vec<Seed> {
-    [scenes(), pictures(), compressed(), settings(), tracker(), features(), others()].concat()
+    [scenes(), pictures(), textures(), compressed(), settings(), tracker(), features(), others()].concat()
 }
 
 /// A triangle with a texture: positions, texture coordinates, and a picture of its own.
@@ -88,6 +88,43 @@ fn pictures() -> Vec<Seed> {
         ("tga", "good-picture", picture(ImageFormat::Tga)),
         ("hdr", "good-map", hdr.into_inner()),
         ("exr", "good-map", std::fs::read(path).unwrap()),
+    ]
+}
+
+/// The part of a scene of tests/files/scenes that is its picture of that number.
+fn picture_of(scene: &str, number: usize) -> Vec<u8> {
+    let path = format!("{}/tests/files/scenes/{scene}", env!("CARGO_MANIFEST_DIR"));
+    let scene = std::fs::read(path).unwrap();
+    let length = u32::from_le_bytes(scene[12..16].try_into().unwrap()) as usize;
+    let document: serde_json::Value = serde_json::from_slice(&scene[20..20 + length]).unwrap();
+    let view = document["images"][number]["bufferView"].as_u64().unwrap() as usize;
+    let view = &document["bufferViews"][view];
+    let [offset, size] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap_or(0) as usize);
+    scene[28 + length + offset..][..size].to_vec()
+}
+
+/// Pictures compressed by Basis Universal: with coverage, with and without Zstandard, and with places and lengths
+/// that lie.
+fn textures() -> Vec<Seed> {
+    const LEAVES: usize = 9;
+    let [etc1s, zstd, plain] = [("etc1s.glb", LEAVES), ("uastc.glb", 0), ("uastc.glb", LEAVES)]
+        .map(|(scene, number)| picture_of(scene, number));
+    let with = |file: &[u8], place: usize, bytes: &[u8]| {
+        let mut file = file.to_vec();
+        file[place..place + bytes.len()].copy_from_slice(bytes);
+        file
+    };
+    let far = (u64::MAX - 5).to_le_bytes();
+    vec![
+        ("ktx2", "bad-global-place", with(&etc1s, 64, &far)),
+        ("ktx2", "bad-level-place", with(&plain, 80, &far)),
+        ("ktx2", "bad-size", with(&zstd, 20, &[0, 64, 0, 0, 0, 64])),
+        ("ktx2", "bad-zstd-length", with(&zstd, 96, &far)),
+        ("ktx2", "good-etc1s", etc1s),
+        // The last note ends without the bytes that would fill its word.
+        ("ktx2", "good-notes", with(&plain, 60, &[33])),
+        ("ktx2", "good-uastc", plain),
+        ("ktx2", "good-uastc-zstd", zstd),
     ]
 }
 

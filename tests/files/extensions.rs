@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::common;
 use crate::common::builder::{Builder, glb, split_glb};
 
-fn scene_file(name: &str) -> PathBuf {
+pub fn scene_file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/files/scenes").join(name)
 }
 

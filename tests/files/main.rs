@@ -8,6 +8,7 @@ mod damaged;
 mod extensions;
 mod instancing;
 mod obj;
+mod textures;
 mod tolerance;
 mod types;
 

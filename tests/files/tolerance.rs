@@ -126,6 +126,9 @@ fn the_handed_cases_load() {
         ("r_bom.gltf", false),
         ("r_float_ints.glb", false),
         ("r_bigtrans.glb", false),
+        ("r_anim_pointer.glb", false),
+        ("r_anim_broken.glb", false),
+        ("r_ext_bad.glb", false),
         ("r_chunk_between.glb", false),
         ("r_normal_transform.glb", true),
     ] {
@@ -134,6 +137,9 @@ fn the_handed_cases_load() {
         let told = scene.warnings.iter().any(|warning| warning.contains("not usable"));
         assert_eq!(told, warned, "{name}: {:?}", scene.warnings);
     }
+    let Some(path) = common::data("cases/r_anim_broken.glb") else { return };
+    let told = Scene::load(&path).unwrap().warnings;
+    assert!(told.len() == 1 && told[0].contains("animation 0 is malformed"), "{told:?}");
     for name in ["r_wrapped_code.glb", "r_wrapped_index.glb"] {
         let Some(path) = common::data(&format!("cases/{name}")) else { return };
         assert!(Scene::load(&path).is_err(), "{name}");

@@ -25,8 +25,8 @@ pub fn references(document: &Document) -> Outcome<()> {
         inside(image.buffer_view, d.buffer_views.len(), || format!("image {i}"), "bufferView")?;
     }
     for (i, texture) in d.textures.iter().enumerate() {
-        let webp = texture.extensions.webp.as_ref().and_then(|webp| webp.source);
-        inside(texture.source.into_iter().chain(webp), d.images.len(), || format!("texture {i}"), "image")?;
+        let sources = texture.source.into_iter().chain(texture.other_sources());
+        inside(sources, d.images.len(), || format!("texture {i}"), "image")?;
         inside(texture.sampler, d.samplers.len(), || format!("texture {i}"), "sampler")?;
     }
     for (i, material) in d.materials.iter().enumerate() {

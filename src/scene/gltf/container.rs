@@ -7,7 +7,7 @@ use super::{Outcome, weigh};
 use crate::scene::budget::Budget;
 
 /// Extensions that this loader implements.
-const SUPPORTED: [&str; 21] = [
+const SUPPORTED: [&str; 22] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -28,6 +28,7 @@ const SUPPORTED: [&str; 21] = [
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 

@@ -158,23 +158,30 @@ impl Images<'_> {
     }
 
     fn decode(&self, place: &Place, halvings: u32) -> Outcome<Decoded> {
-        let mut image = Image::decode(&self.bytes(place)?)?;
-        if let Place::Made(made) = place {
-            match &made.alpha {
-                Some(path) if made.color.as_ref() != Some(path) => {
-                    let mask = Image::decode(&self.bytes(&Place::File(path.clone()))?)?;
-                    made::cut_out(&mut image, &mask, made.color.is_none());
-                }
-                Some(_) => made::cut_out_itself(&mut image),
-                None => {}
-            }
-            if let Some(height) = made.height {
-                made::normals_of_heights(&mut image, f64::from_bits(height));
-            }
-        }
-        let image = image.halved(halvings);
+        let bytes = self.bytes(place)?;
+        let image = match place {
+            Place::Made(made) => self.make(made, &bytes)?.halved(halvings),
+            _ => Image::decode_halved(&bytes, halvings)?,
+        };
         let (low, high) = image.range();
         Ok(Decoded { image, low, high, stand_in: false })
+    }
+
+    /// An image of several files, the first of which is given.
+    fn make(&self, made: &Made, bytes: &[u8]) -> Outcome<Image> {
+        let mut image = Image::decode(bytes)?;
+        match &made.alpha {
+            Some(path) if made.color.as_ref() != Some(path) => {
+                let mask = Image::decode(&self.bytes(&Place::File(path.clone()))?)?;
+                made::cut_out(&mut image, &mask, made.color.is_none());
+            }
+            Some(_) => made::cut_out_itself(&mut image),
+            None => {}
+        }
+        if let Some(height) = made.height {
+            made::normals_of_heights(&mut image, f64::from_bits(height));
+        }
+        Ok(image)
     }
 
     /// An image as an operator may know it.

@@ -1,8 +1,10 @@
-//! PNG, JPEG, WebP, BMP and TGA files to texels, without more memory than these take.
+//! PNG, JPEG, WebP, BMP, TGA and KTX2 files to texels, without more memory than these take.
 
 use std::io::Cursor;
 
 use image::{ColorType, ImageDecoder, ImageFormat, ImageReader};
+
+use super::basis;
 
 /// An image as decoded: rows from the top, RGBA bytes, as encoded in its file.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +23,10 @@ impl Image {
 
     /// Width and height of a file, from its header alone; what is wrong with it otherwise.
     pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
-        let (width, height) = reader(bytes)?.into_dimensions().map_err(damaged)?;
+        let (width, height) = match basis::is_ktx2(bytes) {
+            true => basis::size_of(bytes)?,
+            false => reader(bytes)?.into_dimensions().map_err(damaged)?,
+        };
         if width == 0 || height == 0 || width.max(height) > Self::MAX_EDGE {
             return Err(format!(
                 "it is {width}x{height}, but 1 to {} texels an edge are supported",
@@ -36,6 +41,9 @@ impl Image {
     /// Texels with up to 8 bits a channel are decoded to where they stay, with room for smaller levels.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
         let (width, height) = Self::size_of(bytes)?;
+        if basis::is_ktx2(bytes) {
+            return basis::decode(bytes, 0).map(|(image, _)| image);
+        }
         let mut reader = reader(bytes)?;
         reader.no_limits();
         let decoder = reader.into_decoder().map_err(damaged)?;
@@ -56,6 +64,17 @@ impl Image {
         decoder.read_image(&mut buffer[..count * channels]).map_err(damaged)?;
         spread(&mut texels, channels);
         Ok(Image { texels, width, height })
+    }
+
+    /// The same with width and height halved so many times. Files that hold smaller levels are read at one of
+    /// these.
+    pub fn decode_halved(bytes: &[u8], times: u32) -> Result<Self, String> {
+        if times > 0 && basis::is_ktx2(bytes) {
+            Self::size_of(bytes)?;
+            let (image, level) = basis::decode(bytes, times)?;
+            return Ok(image.halved(times - level));
+        }
+        Ok(Self::decode(bytes)?.halved(times))
     }
 
     /// Decodes texels of other kinds, which become RGBA bytes by way of a second copy.
@@ -87,7 +106,7 @@ impl Image {
 }
 
 /// Room for so many texels and those of all smaller levels.
-fn room(count: usize) -> Result<Vec<[u8; 4]>, String> {
+pub(super) fn room(count: usize) -> Result<Vec<[u8; 4]>, String> {
     let mut texels = Vec::new();
     texels.try_reserve_exact(count / 3 * 4 + 64).map_err(|_| "there is too little memory for it")?;
     Ok(texels)
@@ -113,11 +132,12 @@ fn reader(bytes: &[u8]) -> Result<ImageReader<Cursor<&[u8]>>, String> {
     use ImageFormat::{Bmp, Jpeg, Png, Tga, WebP};
     match image::guess_format(bytes) {
         Ok(format @ (Png | Jpeg | WebP | Bmp)) => Ok(ImageReader::with_format(Cursor::new(bytes), format)),
-        Ok(format) => {
-            Err(format!("it is a {} file, but PNG, JPEG, WebP, BMP and TGA are read", format.to_mime_type()))
-        }
+        Ok(format) => Err(format!(
+            "it is a {} file, but PNG, JPEG, WebP, BMP, TGA and KTX2 are read",
+            format.to_mime_type()
+        )),
         Err(_) if is_targa(bytes) => Ok(ImageReader::with_format(Cursor::new(bytes), Tga)),
-        Err(_) => Err("it is neither PNG nor JPEG, WebP, BMP or TGA".into()),
+        Err(_) => Err("it is neither PNG nor JPEG, WebP, BMP, TGA or KTX2".into()),
     }
 }
 

@@ -1,7 +1,8 @@
 //! Animations as the file says them. What is malformed becomes `None`: a scene can be shown without it.
 
 use serde::Deserialize as Derive;
-use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
+use serde::de::{DeserializeOwned, Deserializer};
+use serde_json::Value;
 
 use super::Int;
 
@@ -49,33 +50,13 @@ pub struct Keys {
     pub interpolation: Option<String>,
 }
 
-/// A list whose elements are read one by one; those that cannot be are `None`, and what is no list is empty.
-pub(super) fn each<'de, D: Deserializer<'de>, T: de::DeserializeOwned>(
+/// A list whose elements are read one by one. Those that cannot be are `None`, and so is what stands in place of a
+/// list, as its only element.
+pub(super) fn each<'de, D: Deserializer<'de>, T: DeserializeOwned>(
     deserializer: D,
 ) -> Result<Vec<Option<T>>, D::Error> {
-    struct Each<T>(std::marker::PhantomData<T>);
-    impl<'de, T: de::DeserializeOwned> Visitor<'de> for Each<T> {
-        type Value = Vec<Option<T>>;
-
-        fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-            f.write_str("a list")
-        }
-
-        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
-            let mut read = Vec::new();
-            while let Some(Lenient(element)) = list.next_element()? {
-                read.push(element);
-            }
-            Ok(read)
-        }
-    }
-    deserializer.deserialize_seq(Each(std::marker::PhantomData))
-}
-
-struct Lenient<T>(Option<T>);
-
-impl<'de, T: de::DeserializeOwned> Deserialize<'de> for Lenient<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        super::extensions::lenient(deserializer).map(Lenient)
-    }
+    Ok(match Value::deserialize(deserializer)? {
+        Value::Array(list) => list.into_iter().map(|element| serde_json::from_value(element).ok()).collect(),
+        _ => vec![None],
+    })
 }

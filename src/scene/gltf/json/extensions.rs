@@ -114,6 +114,8 @@ pub struct Visibility {
 pub struct TextureExtensions {
     #[serde(rename = "EXT_texture_webp", default, deserialize_with = "lenient")]
     pub webp: Option<OtherSource>,
+    #[serde(rename = "KHR_texture_basisu", default, deserialize_with = "lenient")]
+    pub basis: Option<OtherSource>,
 }
 
 /// An image of another kind than PNG and JPEG.
@@ -125,7 +127,11 @@ pub struct OtherSource {
 impl Texture {
     /// The image to read: one of an extension before the one for readers that lack it.
     pub fn image(&self) -> Option<usize> {
-        let other = self.extensions.webp.as_ref().and_then(|webp| webp.source);
-        other.or(self.source).map(|source| source.0)
+        self.other_sources().next().or(self.source).map(|source| source.0)
+    }
+
+    /// Its images of extensions.
+    pub fn other_sources(&self) -> impl Iterator<Item = Int> + '_ {
+        [&self.extensions.webp, &self.extensions.basis].into_iter().flatten().filter_map(|other| other.source)
     }
 }
