@@ -9,7 +9,7 @@ mkdir -p "$packages"
 npm install --silent --no-audit --no-fund --prefix "$packages" \
   @gltf-transform/core@4.5.1 @gltf-transform/extensions@4.5.1 @gltf-transform/functions@4.5.1 \
   draco3dgltf@1.5.7 meshoptimizer@1.2.0 ktx2-encoder@0.6.0 pngjs@7.0.0
-cp scripts/compress-scenes.mjs scripts/compress-textures.mjs "$packages/"
+cp scripts/{compress-scenes,compress-textures,read-scene}.mjs "$packages/"
 if [[ $# -eq 0 ]]; then
   cargo run --quiet -- scene generate voxel-town --triangles 10000 --out "$packages/town.glb"
   set -- "$packages/town.glb" tests/files/scenes
