@@ -231,6 +231,12 @@ mod tests {
             assert_eq!(ask(), (built.clone(), false), "{} bytes", bytes.len());
             assert_eq!(fs::read(&path).unwrap(), whole, "replaced by a whole one");
         }
+        // A terabyte that takes no room on the disk, and as long as it says itself.
+        let nodes = (1u64 << 40) / size_of::<WideNode>() as u64;
+        fs::write(&path, [&whole[..24], &nodes.to_le_bytes(), &0u64.to_le_bytes()].concat()).unwrap();
+        let sparse = fs::OpenOptions::new().write(true).open(&path).unwrap();
+        sparse.set_len(HEADER as u64 + nodes * size_of::<WideNode>() as u64).unwrap();
+        assert_eq!(ask(), (built.clone(), false));
         let (moved, _) = row(1.0);
         assert!(!cache.find_or(&moved, &triangles, || WideBvh::build(&moved, &triangles)).1, "another scene");
     }
