@@ -52,7 +52,7 @@ const ALLOWED: [Limit; 7] = [
     limit("share_edges", [128, 160], [152, 136]),
     limit("settle_blends", [112, 128], [140, 136]),
     limit("light_cells", [220, 1712], [248, 2048]),
-    limit("shade_samples", [255, 5136], [256, 5872]),
+    limit("shade_samples", [255, 5136], [256, 5888]),
     limit("", [36, 0], [23, 0]),
 ];
 

@@ -19,21 +19,21 @@ static float3 leaf_corner(__global const float *row, uint n, float3 origin, floa
     return ((float3)(row[0], row[n], row[2u * n]) - origin) - low;
 }
 
-static float3 corner_of(const Scene *scene, const Within *within, __global const float *row, uint n, float3 origin, float3 low)
+static float3 corner_of(const Scene *scene, uint instance, __global const float *row, uint n, float3 origin, float3 low)
 {
 #if HAS_INSTANCES
-    if (within->instance)
-        return (placed(scene->instances + within->instance, (float3)(row[0], row[n], row[2u * n])) - origin) - low;
+    if (instance)
+        return (placed(scene->instances + instance, (float3)(row[0], row[n], row[2u * n])) - origin) - low;
 #endif
     return leaf_corner(row, n, origin, low);
 }
 
 // Tests one triangle of a leaf of n: true where it is hit (ANY), or a hit nearer than t_max was stored.
-INLINED static bool intersect_triangle(const Scene *scene, const Within *within, uint place, __global const float *row, uint n, float3 origin, float3 low,
+INLINED static bool intersect_triangle(const Scene *scene, uint instance, uint place, __global const float *row, uint n, float3 origin, float3 low,
                           float3 d, float *t_max, uint *triangle, uint kind, uint seed)
 {
-    float3 a = corner_of(scene, within, row, n, origin, low), b = corner_of(scene, within, row + 3u * n, n, origin, low);
-    float3 c = corner_of(scene, within, row + 6u * n, n, origin, low);
+    float3 a = corner_of(scene, instance, row, n, origin, low), b = corner_of(scene, instance, row + 3u * n, n, origin, low);
+    float3 c = corner_of(scene, instance, row + 6u * n, n, origin, low);
     float3 e = c - b, f = a - c, g = b - a;
     float3 volumes = (float3)(dot3(d, plain_cross(e, c + b)), dot3(d, plain_cross(f, a + c)), dot3(d, plain_cross(g, b + a)));
     float edge = max(max(max3(fabs(e)), max3(fabs(f))), max3(fabs(g)));
@@ -66,7 +66,7 @@ INLINED static bool intersect_triangle(const Scene *scene, const Within *within,
         return false;
     }
     *t_max = distance;
-    *triangle = number_of(scene, within, place);
+    *triangle = number_of(scene, instance, place);
     return true;
 }
 
@@ -236,7 +236,7 @@ CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 l
             }
             uint first = to & 0x0fffffffu, n = (to >> 28 & 7u) + 1u;
             for (uint lane = 0; lane < n; ++lane)
-                if (intersect_triangle(scene, &within, first + lane, scene->leaves + 9u * first + lane, n, origin, low, d, t_max, triangle, kind, seed)) {
+                if (intersect_triangle(scene, within.instance, first + lane, scene->leaves + 9u * first + lane, n, origin, low, d, t_max, triangle, kind, seed)) {
                     found = true;
                     if (kind == ANY)
                         return true;

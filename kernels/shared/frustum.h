@@ -203,7 +203,7 @@ static int8 lanes_in_frustum(const Leaf *l, const Block *b)
 // Intersects one triangle of a leaf with all rays; returns those on which `intersect_leaf` has to decide.
 static ulong intersect_lane(const Scene *scene, const Within *within, const Leaf *l, uint lane, uint place, Block *b)
 {
-    uint triangle = number_of(scene, within, place);
+    uint triangle = number_of(scene, within->instance, place);
     const float *row = (const float *)l;
     float ux = row[72 + lane], uy = row[80 + lane], uz = row[88 + lane];
     float vx = row[96 + lane], vy = row[104 + lane], vz = row[112 + lane];

@@ -26,8 +26,17 @@ typedef struct {
     __global const Emitter *emitters; // triangles first, sorted by their places
     __global const LightNode *light_nodes;
     __global const float4 *glossy; // the environment as rough surfaces mirror it
+#if HAS_INSTANCES
     __global const Instance *instances; // the world first
+#endif
 } Scene;
+
+// What others do not have takes no room on a work-item's stack.
+#if HAS_INSTANCES
+#define INSTANCES_ARGUMENT , instances
+#else
+#define INSTANCES_ARGUMENT
+#endif
 
 #define SCENE_PARAMETERS                                                                            \
     __global const Node *nodes, __global const float *leaves, __global const Triangle *triangles,     \
@@ -42,7 +51,7 @@ typedef struct {
 #define SCENE_ARGUMENTS                                                                              \
     {                                                                                                \
         nodes, leaves, triangles, normals, tangents, uv0, uv1, colors, materials, textures, texels,  \
-            srgb, lights, environment, direction_cells, emitters, light_nodes, glossy, instances                             \
+            srgb, lights, environment, direction_cells, emitters, light_nodes, glossy INSTANCES_ARGUMENT                     \
     }
 
 #define TRIANGLE_MATERIAL(packed) ((packed) & 0xfffffu)
@@ -92,13 +101,12 @@ typedef struct {
     uint instance, floor;
 } Within;
 
-// The number of a triangle by its place.
-static uint number_of(const Scene *scene, const Within *within, uint place)
+// The number of an instance's triangle by its place.
+static uint number_of(const Scene *scene, uint instance, uint place)
 {
 #if HAS_INSTANCES
-    __global const Instance *instance = scene->instances + within->instance;
-    if (within->instance)
-        return place - instance->first_place + instance->first_triangle;
+    if (instance)
+        return place - scene->instances[instance].first_place + scene->instances[instance].first_triangle;
 #endif
     return place;
 }

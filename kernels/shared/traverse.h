@@ -430,7 +430,7 @@ static bool intersect_leaf(const Scene *scene, const Within *within, const Leaf 
             continue;
         }
         *t_max = distance;
-        *triangle = number_of(scene, within, place);
+        *triangle = number_of(scene, within->instance, place);
         stored = true;
     }
     return stored;
