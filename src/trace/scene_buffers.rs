@@ -21,8 +21,8 @@ pub use count::tree_bytes;
 
 use super::emitters::{PackedEmitters, lights_in_order};
 use pack::{
-    cache_info, pack_color, pack_directions, pack_environment, pack_materials, pack_textures, pack_triangles,
-    shading, srgb_codes,
+    cache_info, pack_color, pack_directions, pack_environment, pack_materials, pack_texels, pack_textures,
+    pack_triangles, shading, srgb_codes,
 };
 pub(super) use pack::{pack_lights, pack_material_of, pack_triangle};
 
@@ -116,6 +116,7 @@ impl SceneData {
         data.nodes = bvh.nodes.clone();
         data.leaves = bvh.leaf_vertices(&mesh.positions, &mesh.triangles);
         data.triangles = pack_triangles(scene, bvh);
+        data.texels = data.texels.map(|_| pack_texels(scene));
         data.normals = mesh.normals.iter().map(|n| pack_normal(n.to_array())).collect();
         data.tangents = data.tangents.map(|_| bytemuck::cast_slice(&mesh.tangents).to_vec());
         for (uvs, own) in data.uvs.iter_mut().zip(&mesh.uvs) {
@@ -128,7 +129,7 @@ impl SceneData {
         Ok(data)
     }
 
-    /// Packs all but what there is of each node, triangle or vertex, which is empty where it is needed.
+    /// Packs all but what there is of each node, triangle, vertex or texel, which is empty where it is needed.
     fn pack_around_mesh(scene: &Scene, trees: Trees, environment: &Environment) -> Result<Self> {
         let bvh = trees.world;
         if scene.materials.len() > layout::MAX_MATERIALS {
@@ -143,7 +144,7 @@ impl SceneData {
         }
         let features = Features::required_by(scene, environment);
         let directions = DirectionTable::new(environment);
-        let (infos, texels) = pack_textures(scene)?;
+        let infos = pack_textures(scene)?;
         let packed = PackedEmitters::of(scene, bvh);
         let has = |part: &dyn Fn(&Mesh) -> bool| scene.meshes().any(part);
         let uv = |slot: usize| (features.textures && has(&|mesh| !mesh.uvs[slot].is_empty())).then(Vec::new);
@@ -164,7 +165,7 @@ impl SceneData {
             colors: features.vertex_colors.then(Vec::new),
             materials: pack_materials(scene),
             textures: features.textures.then_some(infos),
-            texels: features.textures.then_some(texels),
+            texels: features.textures.then(Vec::new),
             srgb: features.textures.then(srgb_codes),
             lights: (!scene.lights.is_empty()).then(|| pack_lights(&scene.lights, &lights_in_order(scene))),
             environment: pack_environment(environment),

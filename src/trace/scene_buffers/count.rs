@@ -1,5 +1,6 @@
-//! How large a scene's buffers will be, without making those that hold something for each triangle.
+//! How large a scene's buffers will be, without making those that hold something for each triangle or texel.
 
+use super::pack::texel_count;
 use super::{BufferBytes, SceneData};
 use crate::bvh::{LEAF_TRIANGLES, Trees, WideBvh};
 use crate::error::Result;
@@ -8,7 +9,8 @@ use crate::scene::{Environment, Scene};
 use crate::trace::Traversals;
 
 impl SceneData {
-    /// The list that [`SceneData::bytes`] of the packed scene would give, for the memory of what is not of its mesh.
+    /// The list that [`SceneData::bytes`] of the packed scene would give, for the memory of what is neither of its mesh nor
+    /// of its textures.
     ///
     /// # Errors
     /// As [`SceneData::pack`].
@@ -29,7 +31,7 @@ impl SceneData {
     }
 }
 
-/// Bytes of a buffer that holds something for each node, triangle or vertex.
+/// Bytes of a buffer that holds something for each node, triangle, vertex or texel.
 fn mesh_bytes(name: &str, scene: &Scene, trees: Trees) -> Option<usize> {
     let of =
         |part: &dyn Fn(&WideBvh) -> usize| part(trees.world) + trees.shapes.iter().map(part).sum::<usize>();
@@ -44,6 +46,7 @@ fn mesh_bytes(name: &str, scene: &Scene, trees: Trees) -> Option<usize> {
         "tangents" => (vertices, size_of::<[f32; 4]>()),
         "uv 0" => (vertices, size_of::<[f32; 2]>()),
         "uv 1" => (vertices, size_of::<[f32; 2]>()),
+        "texels" => (texel_count(scene), size_of::<[u8; 4]>()),
         "colors" => (vertices, size_of::<[u16; 4]>()),
         _ => return None,
     };

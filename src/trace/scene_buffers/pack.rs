@@ -11,7 +11,9 @@ use crate::bvh::wide::LeafSlot;
 use crate::error::{Error, Result};
 use crate::layout;
 use crate::scene::importance::{AliasEntry, DirectionTable};
-use crate::scene::{AlphaMode, Environment, Layers, LightKind, Scene, TextureRef, emitters, texture::Wrap};
+use crate::scene::{
+    AlphaMode, Environment, Layers, LightKind, Scene, Texture, TextureRef, emitters, texture::Wrap,
+};
 use crate::trace::emitters::{PackedEmitters, lights_asked};
 
 /// Share of the light rays that aim at the sun, and at the environment map.
@@ -77,7 +79,7 @@ pub(super) fn pack_materials(scene: &Scene) -> Vec<layout::Material> {
     scene.materials.iter().map(|m| pack_material(m, &scene.textures)).collect()
 }
 
-fn pack_material(m: &crate::scene::Material, images: &[crate::scene::Texture]) -> layout::Material {
+fn pack_material(m: &crate::scene::Material, images: &[Texture]) -> layout::Material {
     let without = Layers::default();
     let layers = m.layers.as_deref().unwrap_or(&without);
     let flag = |on: bool, bit: u32| if on { bit } else { 0 };
@@ -128,29 +130,45 @@ fn pack_material(m: &crate::scene::Material, images: &[crate::scene::Texture]) -
     }
 }
 
-pub(super) fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, Vec<[u8; 4]>)> {
-    // Textures that share texels share them here too.
-    let mut starts = HashMap::new();
-    let mut total = 0;
+/// Textures that share texels share them here too: what there is of each, and where each begins.
+fn texel_starts(scene: &Scene) -> (Vec<&[[u8; 4]]>, Vec<usize>) {
+    let (mut starts, mut distinct, mut places, mut end) = (HashMap::new(), Vec::new(), Vec::new(), 0);
     for texture in &scene.textures {
-        starts.entry(Arc::as_ptr(&texture.texels)).or_insert_with(|| {
-            total += texture.texels.len();
-            total - texture.texels.len()
-        });
+        let start = *starts.entry(Arc::as_ptr(&texture.texels)).or_insert(end);
+        if start == end {
+            distinct.push(&texture.texels[..]);
+            end += texture.texels.len();
+        }
+        places.push(start);
     }
-    if total > u32::MAX as usize {
+    (distinct, places)
+}
+
+/// How many texels [`pack_texels`] makes.
+pub(super) fn texel_count(scene: &Scene) -> usize {
+    texel_starts(scene).0.iter().map(|texels| texels.len()).sum()
+}
+
+/// All textures' texels, one after the other.
+pub(super) fn pack_texels(scene: &Scene) -> Vec<[u8; 4]> {
+    texel_starts(scene).0.concat()
+}
+
+/// Where each texture's texels are, and how they are read.
+pub(super) fn pack_textures(scene: &Scene) -> Result<Vec<layout::TextureInfo>> {
+    if texel_count(scene) > u32::MAX as usize {
         return Err(Error::setting("scene", "its textures have more than 2^32 texels; use smaller ones"));
     }
-    let mut texels = Vec::with_capacity(total);
-    let mut infos = Vec::with_capacity(scene.textures.len());
-    for texture in &scene.textures {
-        let wrap = texture.wrap.map(|w| match w {
+    let wraps = |texture: &Texture| {
+        texture.wrap.map(|w| match w {
             Wrap::Repeat => 0,
             Wrap::MirroredRepeat => 1,
             Wrap::ClampToEdge => 2,
-        });
-        let start = starts[&Arc::as_ptr(&texture.texels)];
-        infos.push(layout::TextureInfo {
+        })
+    };
+    let info = |(texture, start): (&Texture, usize)| {
+        let wrap = wraps(texture);
+        layout::TextureInfo {
             offset: start as u32,
             width: texture.width,
             height: texture.height,
@@ -159,12 +177,9 @@ pub(super) fn pack_textures(scene: &Scene) -> Result<(Vec<layout::TextureInfo>, 
                 | wrap[1] << 10
                 | u32::from(texture.srgb) << 12
                 | u32::from(texture.nearest) << 13,
-        });
-        if start == texels.len() {
-            texels.extend_from_slice(&texture.texels);
         }
-    }
-    Ok((infos, texels))
+    };
+    Ok(scene.textures.iter().zip(texel_starts(scene).1).map(info).collect())
 }
 
 /// Linear values of the 256 sRGB codes: a look-up is an order of magnitude cheaper than the power.
