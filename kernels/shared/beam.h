@@ -67,42 +67,29 @@ static void start_beam(Beam *b, const Origins *o, ulong waiting, uint leader, fl
     b->reach = -least_of(-reach);
 }
 
-// What boxes meet a beam with, in the world or in an instance.
+#if HAS_INSTANCES
+// What the boxes of an instance meet a beam with.
 typedef struct {
     // Those across the beam, and along it.
     float3 axes[3];
     float3 inverse;
-    const Origins *q;
-#if HAS_INSTANCES
-    Origins turned;
+    Origins q;
     float3 least, most;
-#endif
-} BoxBeam;
+} TurnedBeam;
 
-static void in_world(const Beam *b, BoxBeam *boxes)
+static void turn_beam(const Scene *scene, uint number, const Beam *b, TurnedBeam *turned)
 {
-    boxes->axes[0] = b->across[0];
-    boxes->axes[1] = b->across[1];
-    boxes->axes[2] = b->d;
-    boxes->inverse = b->inverse;
-    boxes->q = &b->q;
-}
-
-static void in_instance(const Scene *scene, uint number, const Beam *b, BoxBeam *boxes)
-{
-#if HAS_INSTANCES
     __global const Instance *instance = scene->instances + number;
-    turn_point(instance, b->base, 0.0f, b->reach, &boxes->least, &boxes->most);
+    turn_point(instance, b->base, 0.0f, b->reach, &turned->least, &turned->most);
     for (uint axis = 0; axis < 3u; ++axis)
-        boxes->axes[axis] = turn_normal(instance, axis < 2u ? b->across[axis] : b->d);
+        turned->axes[axis] = turn_normal(instance, axis < 2u ? b->across[axis] : b->d);
     float3 d = turn_direction(instance, b->d);
-    boxes->inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
-    boxes->turned = b->q;
+    turned->inverse = (float3)(safe_inverse(d.x), safe_inverse(d.y), safe_inverse(d.z));
+    turned->q = b->q;
     for (uint y = 0; y < BEAM_ROWS; ++y)
-        turn_directions(instance, &boxes->turned.x[y], &boxes->turned.y[y], &boxes->turned.z[y]);
-    boxes->q = &boxes->turned;
-#endif
+        turn_directions(instance, &turned->q.x[y], &turned->q.y[y], &turned->q.z[y]);
 }
+#endif
 
 // Boxes, by their middles and half sizes, that reach into the beam's span along one of its axes.
 static int8 overlaps(const Beam *b, uint axis, float3 n, const float8 middle[3], const float8 half_size[3], float8 margin)
@@ -114,7 +101,7 @@ static int8 overlaps(const Beam *b, uint axis, float3 n, const float8 middle[3],
     return (at + reach >= b->low[axis]) & ~behind;
 }
 
-static int8 boxes_in_beam(const Beam *b, const BoxBeam *boxes, uint instance, const float8 planes[6])
+static int8 boxes_along(const Beam *b, float3 first, float3 second, float3 d, const float8 planes[6], float per_size)
 {
     float8 middle[3], half_size[3];
     for (uint axis = 0; axis < 3u; ++axis) {
@@ -122,15 +109,24 @@ static int8 boxes_in_beam(const Beam *b, const BoxBeam *boxes, uint instance, co
         half_size[axis] = (planes[2u * axis + 1u] - planes[2u * axis]) * 0.5f;
     }
     float8 size = largest(middle[0], middle[1], middle[2]) + largest(half_size[0], half_size[1], half_size[2]);
-#if HAS_INSTANCES
-    // In the world's units.
-    if (instance)
-        size *= 3.0f * max(max(max3(fabs(boxes->axes[0])), max3(fabs(boxes->axes[1]))), max3(fabs(boxes->axes[2])));
-#endif
-    float8 margin = (size + b->reach) * 1.0e-6f;
-    return overlaps(b, 0u, boxes->axes[0], middle, half_size, margin) & overlaps(b, 1u, boxes->axes[1], middle, half_size, margin) &
-           overlaps(b, 2u, boxes->axes[2], middle, half_size, margin);
+    float8 margin = (size * per_size + b->reach) * 1.0e-6f;
+    return overlaps(b, 0u, first, middle, half_size, margin) & overlaps(b, 1u, second, middle, half_size, margin) &
+           overlaps(b, 2u, d, middle, half_size, margin);
 }
+
+static int8 boxes_in_beam(const Beam *b, const float8 planes[6])
+{
+    return boxes_along(b, b->across[0], b->across[1], b->d, planes, 1.0f);
+}
+
+#if HAS_INSTANCES
+static int8 boxes_in_turned_beam(const Beam *b, const TurnedBeam *turned, const float8 planes[6])
+{
+    // The world's units in one of the shape's, at most.
+    float3 most = fmax(fmax(fabs(turned->axes[0]), fabs(turned->axes[1])), fabs(turned->axes[2]));
+    return boxes_along(b, turned->axes[0], turned->axes[1], turned->axes[2], planes, 3.0f * max3(most));
+}
+#endif
 
 // Triangles of a leaf whose extent across the beam reaches into it.
 static int8 triangles_in_beam(const Beam *b, const Leaf *l)
@@ -253,7 +249,7 @@ static void narrow(float lower, float upper, float16 q, float inverse, float16 *
 }
 
 // Whether a ray that is still lit enters a box.
-static bool enters(const BoxBeam *b, const float8 planes[6], uint lane, ulong lit)
+static bool enters(const Origins *q, float3 inverse, const float8 planes[6], uint lane, ulong lit)
 {
     const float *bounds = (const float *)planes + lane;
     for (uint y = 0; y < BEAM_ROWS; ++y) {
@@ -261,9 +257,9 @@ static bool enters(const BoxBeam *b, const float8 planes[6], uint lane, ulong li
         if (!row_lit)
             continue;
         float16 enter = 0.0f, leave = INFINITY;
-        narrow(bounds[0], bounds[8], b->q->x[y], b->inverse.x, &enter, &leave);
-        narrow(bounds[16], bounds[24], b->q->y[y], b->inverse.y, &enter, &leave);
-        narrow(bounds[32], bounds[40], b->q->z[y], b->inverse.z, &enter, &leave);
+        narrow(bounds[0], bounds[8], q->x[y], inverse.x, &enter, &leave);
+        narrow(bounds[16], bounds[24], q->y[y], inverse.y, &enter, &leave);
+        narrow(bounds[32], bounds[40], q->z[y], inverse.z, &enter, &leave);
         if (lanes_of16(enter <= leave * SLAB_WIDENING) & row_lit)
             return true;
     }
@@ -278,30 +274,43 @@ CALLED static ulong trace_beam(const Scene *scene, const Beam *b, uint seed)
     stack[0] = 0u;
     ulong lit = b->rays;
     Within within = {0u, 0u};
-    BoxBeam boxes;
-    in_world(b, &boxes);
+    const Origins *q = &b->q;
+    float3 inverse = b->inverse;
+#if HAS_INSTANCES
+    TurnedBeam turned;
+#endif
     while (depth && lit) {
         uint link = stack[--depth];
-        if (leaves_instance(depth, &within))
-            in_world(b, &boxes);
+        if (leaves_instance(depth, &within)) {
+            q = &b->q;
+            inverse = b->inverse;
+        }
         if (link & LEAF) {
             lit &= ~intersect_leaf_with_beam(scene, &within, b, link & 0x0fffffffu, (link >> 28 & 7u) + 1u, lit, seed);
             continue;
         }
         __global const WideNode *node = scene->nodes + link;
-        if (enters_instance(scene, &node, depth, &within))
-            in_instance(scene, within.instance, b, &boxes);
         float8 planes[6];
+        int8 met;
 #if HAS_INSTANCES
-        if (within.instance)
-            turned_planes(node, boxes.least, boxes.most, planes);
-        else
+        if (enters_instance(scene, &node, depth, &within)) {
+            turn_beam(scene, within.instance, b, &turned);
+            q = &turned.q;
+            inverse = turned.inverse;
+        }
+        if (within.instance) {
+            turned_planes(node, turned.least, turned.most, planes);
+            met = boxes_in_turned_beam(b, &turned, planes);
+        } else
 #endif
+        {
             box_planes(node, b->base, 0.0f, planes);
-        ulong left = as_ulong(convert_char8(boxes_in_beam(b, &boxes, within.instance, planes)));
+            met = boxes_in_beam(b, planes);
+        }
+        ulong left = as_ulong(convert_char8(met));
         while (left) {
             uint child = take_lane(&left);
-            if (node->children[child] != EMPTY && enters(&boxes, planes, child, lit))
+            if (node->children[child] != EMPTY && enters(q, inverse, planes, child, lit))
                 stack[depth++] = node->children[child];
         }
     }
