@@ -269,7 +269,7 @@ impl Probe {
     }
 
     /// The nearest hits that the last trace of a kind found: of pixels row after row, of samples in the
-    /// pattern's order, of bundles ray after ray. Triangles are places in [`WideBvh::order`]. Occlusion
+    /// pattern's order, of bundles ray after ray. Triangles are places in [`crate::bvh::WideBvh::order`]. Occlusion
     /// has none.
     ///
     /// # Errors

@@ -345,7 +345,7 @@ impl Tracer {
 
     /// The first `count` camera rays' hits of the last trace that was finished: of all pixels row after
     /// row where it was guided, else of the pattern's samples. A hit names its triangle by its place in
-    /// [`WideBvh::order`].
+    /// [`crate::bvh::WideBvh::order`].
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device is lost.
