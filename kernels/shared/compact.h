@@ -183,18 +183,6 @@ static bool enters_instance(const Scene *scene, uint *link, uint depth, Within *
     return false;
 }
 
-// Back to the world, where what is taken from the stack was there before the instance was entered: true then.
-static bool leaves_instance(uint depth, Within *within)
-{
-#if HAS_INSTANCES
-    if (depth < within->floor) {
-        within->instance = within->floor = 0u;
-        return true;
-    }
-#endif
-    return false;
-}
-
 // Finds the nearest hit (CLOSEST_FRONT) or whether there is any: true where there is one. A level of the tree waits in
 // one entry of the stack (after Ylitie, Karras and Laine 2017): its node, and the children that are left of it.
 CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max, uint *triangle, uint kind, uint seed)

@@ -60,10 +60,10 @@ typedef struct {
 
 // A triangle as hits name it: its place in leaf order; those of an instance go on after the world's and those of the
 // instances before, so that every one that can be seen has a number of its own.
-#if HAS_INSTANCES
 // The instance that a triangle's number is of: the last that begins before or there; 0 is the world.
 static uint instance_of(const Scene *scene, uint triangle)
 {
+#if HAS_INSTANCES
     uint low = 0, high = scene->instances ? scene->instances[0].count : 0u;
     while (high - low > 1u) {
         uint middle = (low + high) / 2u;
@@ -72,8 +72,10 @@ static uint instance_of(const Scene *scene, uint triangle)
         high = is_before ? high : middle;
     }
     return low;
-}
+#else
+    return 0u;
 #endif
+}
 
 // Its place in leaf order, by the instance that it is of.
 static uint place_in(const Scene *scene, uint instance, uint triangle)
@@ -85,14 +87,7 @@ static uint place_in(const Scene *scene, uint instance, uint triangle)
     return triangle;
 }
 
-static uint leaf_place(const Scene *scene, uint triangle)
-{
-#if HAS_INSTANCES
-    return place_in(scene, instance_of(scene, triangle), triangle);
-#else
-    return triangle;
-#endif
-}
+static uint leaf_place(const Scene *scene, uint triangle) { return place_in(scene, instance_of(scene, triangle), triangle); }
 
 static uint packed_of(const Scene *scene, uint triangle) { return scene->triangles[leaf_place(scene, triangle)].packed; }
 
@@ -100,6 +95,18 @@ static uint packed_of(const Scene *scene, uint triangle) { return scene->triangl
 typedef struct {
     uint instance, floor;
 } Within;
+
+// Back to the world, where what is taken from the stack was there before the instance was entered: true then.
+static bool leaves_instance(uint depth, Within *within)
+{
+#if HAS_INSTANCES
+    if (depth < within->floor) {
+        within->instance = within->floor = 0u;
+        return true;
+    }
+#endif
+    return false;
+}
 
 // The number of an instance's triangle by its place.
 static uint number_of(const Scene *scene, uint instance, uint place)
@@ -187,11 +194,7 @@ static void corners_in(const Scene *scene, uint instance, uint place, float3 v[3
 
 static void triangle_corners(const Scene *scene, uint triangle, float3 v[3])
 {
-#if HAS_INSTANCES
     uint instance = instance_of(scene, triangle);
-#else
-    uint instance = 0u;
-#endif
     corners_in(scene, instance, place_in(scene, instance, triangle), v);
 }
 

@@ -90,10 +90,9 @@ static float3 normal_of(const Scene *scene, const Facet *f, uint vertex)
 static Facet facet_of(const Scene *scene, uint number, float3 origin, float3 low)
 {
     Facet f;
-    uint place = number, instance = 0u;
+    uint instance = instance_of(scene, number), place = place_in(scene, instance, number);
 #if HAS_INSTANCES
-    f.instance = instance = instance_of(scene, number);
-    place = place_in(scene, instance, number);
+    f.instance = instance;
 #endif
     __global const Triangle *triangle = scene->triangles + place;
     uint packed = triangle->packed;

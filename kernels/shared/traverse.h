@@ -138,17 +138,6 @@ static bool enters_instance(const Scene *scene, __global const WideNode **node, 
     return false;
 }
 
-// Back to the world, where what is taken from the stack was there before the instance was entered: true then.
-static bool leaves_instance(uint depth, Within *within)
-{
-#if HAS_INSTANCES
-    if (depth < within->floor) {
-        within->instance = within->floor = 0u;
-        return true;
-    }
-#endif
-    return false;
-}
 #endif
 
 // For each child the rays of `mask` that meet its box; `entry` gets where the first of these does. Planes are relative to
