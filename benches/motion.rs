@@ -68,7 +68,7 @@ fn config(time: f64) -> Config {
 fn update(name: &str, path: &Path, frames: usize) {
     let loaded = Loaded::moving_from_file(path, &config(0.0)).expect("the scene");
     let parted = loaded.parted.as_ref().expect("moving parts");
-    let mut moving = MovingScene::new(&loaded.scene, &loaded.bvh, parted).expect("a moving scene");
+    let mut moving = MovingScene::new(&loaded.scene, loaded.trees(), parted).expect("a moving scene");
     let (mut times, before) = (Vec::new(), cpu_time::of_all_threads());
     for frame in 0..frames {
         let start = Instant::now();
@@ -77,7 +77,7 @@ fn update(name: &str, path: &Path, frames: usize) {
     }
     println!(
         "| {name} | {} | {:.1} ms | {:.1} ms | {:.1} ms |",
-        loaded.scene.mesh.triangles.len(),
+        loaded.scene.triangles(),
         times.iter().copied().fold(f64::INFINITY, f64::min),
         median(&times).unwrap_or(0.0),
         cpu_time::of_all_threads()

@@ -39,7 +39,8 @@ struct Parameters {
     width: u32,
     // Estimates at most that a mean holds.
     longest: f32,
-    padding: u32,
+    // Whether things or lights move: light may then be other than it was.
+    light_changes: u32,
 }
 var<immediate> parameters: Parameters;
 
@@ -92,6 +93,15 @@ const TELLING = 6.0;
 const LEAST_AGREEMENT = 0.3;
 // Estimates at most that a mean holds on surfaces that move: their light changes as they do.
 const MOVING_LONGEST = 1.0;
+// Where things or lights move it has also where the neighbourhood's brightness is so many standard errors off what it was;
+// of its variance in the past so much counts at least, and of fewer neighbours than these nothing is told.
+const SUDDEN = 4.0;
+const PAST_SHARE = 0.3;
+const FEW = 5.0;
+// There, the weight of what was found on the other side of the sun's shadow: light from around the sun differs there as the sun does.
+const OTHER_SIDE = 0.02;
+// Share of what was found on the same side from which on it counts in full: a shadow has come or gone where there is less.
+const ENOUGH_ON_SIDE = 0.25;
 // Square of a distance in pixels below which samples count as at the same place.
 const SAME_PLACE = 0.01;
 
@@ -167,18 +177,21 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         return found;
     }
     let pixels = source.size.x * source.size.y;
-    var sun_sum = 0.0;
+    var same_sum = 0.0;
+    var sum = 0.0;
     for (var slot = pixel_of(source, at); slot < source.size.z * pixels; slot += pixels) {
         let index = last_indices[slot];
         let first = last_records[3u * index];
         let second = last_records[3u * index + 1u];
         let packed = last_positions[index];
         let agree = agreement(source, point, packed, first, second);
-        let weight = agree * by_distance(packed, at);
+        let near = agree * by_distance(packed, at);
         let history = last_histories[index];
-        if !(weight > 0.0) {
+        if !(near > 0.0) {
             continue;
         }
+        let is_same_side = (second.w >> 24u & 1u) == sun_centre;
+        let weight = near * select(OTHER_SIDE, 1.0, is_same_side || parameters.light_changes == 0u);
         found.first += weight * bitcast<vec3<f32>>(first.xyz);
         found.second += weight * bitcast<vec3<f32>>(second.xyz);
         found.history.diffuse_age += weight * history.diffuse_age;
@@ -186,9 +199,10 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         found.history.fast += weight * history.fast;
         found.history.slow += weight * history.slow;
         found.history.variance += weight * history.variance;
-        let same_side = select(0.0, weight, (second.w >> 24u & 1u) == sun_centre);
+        let same_side = select(0.0, near, is_same_side);
         found.history.sun += same_side * history.sun;
-        sun_sum += same_side;
+        same_sum += same_side;
+        sum += near;
         found.weight += weight;
         found.agreement = max(found.agreement, agree);
     }
@@ -197,14 +211,16 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         return found;
     }
     let scale = 1.0 / found.weight;
+    let trust = select(1.0, min(same_sum / (ENOUGH_ON_SIDE * sum), 1.0), parameters.light_changes != 0u);
+    let believed = scale * trust;
     found.first *= scale;
     found.second *= scale;
-    found.history.diffuse_age *= scale;
-    found.history.specular_age *= scale;
+    found.history.diffuse_age *= believed;
+    found.history.specular_age *= believed;
     found.history.fast *= scale;
     found.history.slow *= scale;
     found.history.variance *= scale;
-    found.history.sun = select(-1.0, found.history.sun / sun_sum, sun_sum > 0.0);
+    found.history.sun = select(-1.0, found.history.sun / same_sum, same_sum > 0.0);
     return found;
 }
 
@@ -249,11 +265,14 @@ fn look_across(point: Point) -> Shared {
     return shared_light;
 }
 
-// Mean brightness of this frame's samples around one on its surface: its noise is small enough to tell a change of
-// light from chance.
-fn brightness_around(index: u32, point: Point) -> f32 {
+// Mean brightness of this frame's samples around one on its surface, where light changes on its side of the sun's shadow
+// only, whose noise is small enough to tell a change of light from chance; and the squared standard error of that mean, -1
+// where there are too few samples to tell.
+fn brightness_around(index: u32, point: Point, sun_centre: u32) -> vec2<f32> {
     var sum = 0.0;
+    var squares = 0.0;
     var weights = 0.0;
+    var squared_weights = 0.0;
     for (var j = 0u; j < parameters.neighbours; j++) {
         let other = nearest[j * parameters.count + index];
         let first = fresh[3u * other];
@@ -262,15 +281,27 @@ fn brightness_around(index: u32, point: Point) -> f32 {
         let there = point_at(parameters.rays, parameters.spacing, f32(packed & 0xffffu), f32(packed >> 16u), bitcast<f32>(first.w));
         let exponent = normal_exponent(point.normal, unpack_normal24(second.w), parameters.normal_power)
             + plane_exponent(point.normal, there - point.point, parameters.plane_tolerance, point.pixel_width);
-        let weight = select(0.0, exp2(exponent), is_usable(first, second));
-        sum += select(0.0, weight * brightness(first, second), weight > 0.0);
+        let is_same_side = (second.w >> 24u & 1u) == sun_centre || parameters.light_changes == 0u;
+        let counts = is_usable(first, second) && is_same_side;
+        let weight = select(0.0, exp2(exponent), counts);
+        let value = select(0.0, brightness(first, second), weight > 0.0);
+        sum += weight * value;
+        squares += weight * value * value;
         weights += weight;
+        squared_weights += weight * weight;
     }
-    return select(brightness(fresh[3u * index], fresh[3u * index + 1u]), sum / weights, weights > 0.0);
+    let mean = sum / weights;
+    let free = weights * weights - squared_weights;
+    // Kish's effective number of values, less one, times the squared weights.
+    let is_known = free > (FEW - 1.0) * squared_weights;
+    let error = max(squares / weights - mean * mean, 0.0) * squared_weights / free;
+    let known = vec2(mean, select(-1.0, error, is_known));
+    return select(vec2(brightness(fresh[3u * index], fresh[3u * index + 1u]), -1.0), known, weights > 0.0);
 }
 
 // The means of brightness with one more value; where they tell that light has changed, all estimates begin anew.
-fn followed(last: History, value: f32, longest: f32) -> History {
+fn followed(last: History, around: vec2<f32>, longest: f32) -> History {
+    let value = around.x;
     var history = last;
     let rate = 1.0 / (min(last.diffuse_age, longest) + 1.0);
     let off = value - last.slow;
@@ -280,7 +311,10 @@ fn followed(last: History, value: f32, longest: f32) -> History {
     let forgiven = UNNOTICED * last.slow;
     // By the variance without this value: a change would hide behind its own.
     let limit = DEVIATIONS * DEVIATIONS * (FAST_VARIANCE * last.variance) + forgiven * forgiven;
-    if last.diffuse_age >= TELLING && differ * differ > limit {
+    let spread = max(around.y, PAST_SHARE * last.variance) * (1.0 + rate);
+    let is_sudden = off * off > SUDDEN * SUDDEN * spread + forgiven * forgiven;
+    let tells_more = parameters.light_changes != 0u && around.y >= 0.0;
+    if (last.diffuse_age >= TELLING && differ * differ > limit) || (tells_more && is_sudden) {
         history.diffuse_age = 0.0;
         history.specular_age = 0.0;
         history.fast = value;
@@ -324,8 +358,8 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let lent = look_across(Point(here.at, here.point + across, normal, width));
     let lent_specular = lent.weight * alike_reflection(here.point, across, roughness);
 
-    let value = brightness_around(id.x, here);
-    var history = History(0.0, 0.0, value, value, 0.0, -1.0, vec2(0.0));
+    let value = brightness_around(id.x, here, sun_centre);
+    var history = History(0.0, 0.0, value.x, value.x, 0.0, -1.0, vec2(0.0));
     if found.weight > 0.0 {
         history = followed(found.history, value, longest);
         history.specular_age *= alike_reflection(here.point, back, roughness);

@@ -57,6 +57,8 @@ fn render(
         visibility: None,
         sun: None,
         least_expected: 0.01,
+        light_holds: f32::INFINITY,
+        light_changes: false,
         overlay: Default::default(),
         shown_from: None,
         other: None,

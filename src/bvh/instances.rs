@@ -4,7 +4,8 @@
 use glam::Vec3;
 
 use super::binary::{self, Bounds, Primitive};
-use super::parted::{PartTree, wide_over};
+use super::part_tree::PartTree;
+use super::parted::wide_over;
 use super::wide::{PORTAL, WideBvh, WideNode};
 
 /// All trees of a scene. A tree by itself is that of one without instances.
@@ -31,7 +32,7 @@ impl Trees<'_> {
 
 impl WideNode {
     /// The door to an instance in a box.
-    fn portal(instance: u32, bounds: (Vec3, Vec3)) -> Self {
+    pub(super) fn portal(instance: u32, bounds: (Vec3, Vec3)) -> Self {
         let mut node = WideNode::VACANT;
         node.set(0, bounds, PORTAL);
         node.children[1] = instance;

@@ -12,6 +12,7 @@ mod choice;
 pub mod compact;
 mod improve;
 pub mod instances;
+pub mod part_tree;
 pub mod parted;
 mod refit;
 pub mod wide;

@@ -1,5 +1,6 @@
 //! A tree over a scene with moving parts: each part has a tree of its own, whose boxes follow its vertices, below a
-//! top that is built anew for every instant. What does not move is one more part, whose tree stays.
+//! top that is built anew for every instant. What does not move is one more part, whose tree stays. A moving instance of a
+//! shape that is kept once is a part without a tree: a door to the shape's.
 //!
 //! All of them share one list of nodes: the top, at its beginning, has copies of the parts' roots, since children of
 //! one node lie together; after it come the other nodes of the parts, one part after the other.
@@ -11,27 +12,9 @@ use rayon::prelude::*;
 
 use super::binary::{self, Bounds, Primitive};
 use super::binary_tree::{BinaryTree, eight_below};
+use super::part_tree::PartTree;
 use super::refit::extent;
-use super::wide::{EMPTY, LEAF, LeafSlot, WideBvh, WideNode, leaf_range};
-
-/// Parts of a part's tree that one thread looks at, at least.
-const FEW: usize = 64;
-
-/// The tree of one part.
-#[derive(Clone, Debug)]
-pub struct PartTree {
-    pub(super) root: WideNode,
-    /// All but the root; links are places in the whole tree.
-    pub nodes: Vec<WideNode>,
-    /// Where the first of them is in the whole tree.
-    pub first_node: usize,
-    /// Its triangles, by their numbers in the mesh, in leaf order.
-    pub order: Vec<LeafSlot>,
-    /// Where the first of them is in the whole leaf order.
-    pub first_place: usize,
-    /// What a ray visited when the tree was built, as [`PartTree::cost`] tells.
-    built: f64,
-}
+use super::wide::{WideBvh, WideNode};
 
 /// All parts, and the top over them.
 #[derive(Clone, Debug)]
@@ -40,6 +23,10 @@ pub struct Parted {
     still: Option<WideNode>,
     /// The moving parts in the order of the mesh.
     pub parts: Vec<PartTree>,
+    /// Doors to moving instances; none to those that are nowhere.
+    doors: Vec<Option<WideNode>>,
+    /// Parts that are nowhere.
+    hidden: Vec<bool>,
     /// Nodes that the top has room for.
     pub top: usize,
     /// Levels that a part may have.
@@ -51,23 +38,31 @@ const SPARE_LEVELS: u32 = 2;
 
 impl Parted {
     /// Builds the trees of parts that are the mesh's last triangles, each a range of them, over the tree `still` of
-    /// those before. Returns the whole tree too.
+    /// those before, with a door to each moving instance, by its number and its box. Returns the whole tree too.
     pub fn build(
         positions: &[Vec3],
         triangles: &[[u32; 3]],
         parts: &[Range<usize>],
         still: WideBvh,
+        instances: &[(u32, (Vec3, Vec3))],
     ) -> (WideBvh, Parted) {
         let whole = |range: &Range<usize>| WideBvh::build_whole(positions, &triangles[range.clone()]);
         let trees: Vec<WideBvh> = parts.par_iter().map(whole).collect();
         let has_still = !still.order.is_empty();
         let depth = trees.iter().chain([&still]).map(WideBvh::depth).max().unwrap_or(1) + SPARE_LEVELS;
-        let top = 2 * (parts.len() + usize::from(has_still)).max(1);
+        let top = 2 * (parts.len() + instances.len() + usize::from(has_still)).max(1);
         let mut whole = WideBvh { nodes: vec![WideNode::VACANT; top], order: Vec::new() };
         let mut still = PartTree::new(still, top, 0, 0);
         whole.nodes.append(&mut still.nodes);
         whole.order.append(&mut still.order);
-        let mut parted = Parted { still: has_still.then_some(still.root), parts: Vec::new(), top, depth };
+        let mut parted = Parted {
+            still: has_still.then_some(still.root),
+            parts: Vec::new(),
+            doors: instances.iter().map(|&(number, bounds)| Some(WideNode::portal(number, bounds))).collect(),
+            hidden: vec![false; parts.len()],
+            top,
+            depth,
+        };
         for (tree, range) in trees.into_iter().zip(parts) {
             let mut part = PartTree::new(tree, whole.nodes.len(), whole.order.len(), range.start);
             // Room for later trees, which may have a few nodes more.
@@ -78,6 +73,17 @@ impl Parted {
         }
         whole.nodes[..top].copy_from_slice(&parted.top_nodes());
         (whole, parted)
+    }
+
+    /// Puts the doors to moving instances where these are: their numbers and boxes, `None` for one that is nowhere.
+    pub fn place(&mut self, instances: impl Iterator<Item = Option<(u32, (Vec3, Vec3))>>) {
+        let door = |(number, bounds)| WideNode::portal(number, bounds);
+        self.doors = instances.map(|instance| instance.map(door)).collect();
+    }
+
+    /// Leaves a part out of the top from now on, or takes it in again.
+    pub fn hide(&mut self, part: usize, hidden: bool) {
+        self.hidden[part] = hidden;
     }
 
     /// Gives a part another tree over its triangles, the first of which is `first_triangle`. Not where that has more
@@ -100,11 +106,15 @@ impl Parted {
 
     /// Levels of the top at most: those of a top that halves its parts by count.
     fn levels(&self) -> u32 {
-        self.roots().len().max(2).next_power_of_two().ilog2()
+        let count = usize::from(self.still.is_some()) + self.parts.len() + self.doors.len();
+        count.max(2).next_power_of_two().ilog2()
     }
 
     fn roots(&self) -> Vec<WideNode> {
-        self.still.iter().copied().chain(self.parts.iter().map(|part| part.root)).collect()
+        let still = self.still.iter().copied();
+        let doors = self.doors.iter().flatten().copied();
+        let shown = self.parts.iter().zip(&self.hidden).filter(|(_, hidden)| !**hidden);
+        still.chain(shown.map(|(part, _)| part.root)).chain(doors).collect()
     }
 
     /// The top where the parts are now: as many nodes as it has room for.
@@ -147,130 +157,6 @@ impl Parted {
     }
 }
 
-impl PartTree {
-    /// A tree's nodes and triangles as they are in the whole one.
-    pub(super) fn new(tree: WideBvh, first_node: usize, first_place: usize, first_triangle: usize) -> Self {
-        let place = |mut node: WideNode| {
-            if node.instance().is_some() {
-                return node;
-            }
-            for child in node.children.iter_mut().filter(|child| **child != EMPTY) {
-                *child = match *child & LEAF {
-                    // The root is elsewhere, and nothing leads to it.
-                    0 => *child - 1 + first_node as u32,
-                    _ => *child + first_place as u32,
-                };
-            }
-            node
-        };
-        let mut nodes = tree.nodes.into_iter().map(place);
-        let root = nodes.next().unwrap_or(WideNode::VACANT);
-        let moved = |slot: LeafSlot| LeafSlot { triangle: slot.triangle + first_triangle as u32, ..slot };
-        let mut part = PartTree {
-            root,
-            nodes: nodes.collect(),
-            first_node,
-            order: tree.order.into_iter().map(moved).collect(),
-            first_place,
-            built: 0.0,
-        };
-        part.built = part.cost();
-        part
-    }
-
-    /// Nodes and leaves that a ray visits which meets its box, as [`WideBvh::cost`] has them together.
-    pub fn cost(&self) -> f64 {
-        let area = |node: &WideNode| -> f64 {
-            if node.instance().is_some() {
-                return 0.0;
-            }
-            let slots = (0..8).filter(|&slot| node.children[slot] != EMPTY);
-            let corner = |rows: &[[f32; 8]; 3], slot: usize| Vec3::from_array(rows.map(|row| row[slot]));
-            let box_of = |slot| Bounds { lower: corner(&node.lower, slot), upper: corner(&node.upper, slot) };
-            slots.map(|slot| box_of(slot).half_area()).sum()
-        };
-        let (lower, upper) = extent(&self.root);
-        let whole = Bounds { lower, upper }.half_area();
-        let sum = self.nodes.iter().chain([&self.root]).map(area).sum::<f64>();
-        if whole > 0.0 { 1.0 + sum / whole } else { 1.0 }
-    }
-
-    /// How many times as much a ray visits as when the tree was built.
-    pub fn growth(&self) -> f64 {
-        self.cost() / self.built
-    }
-
-    /// Boxes from the vertices of the leaves.
-    fn refit(&mut self, vertices: &[f32]) {
-        let (first_place, first_node) = (self.first_place, self.first_node);
-        let fit = |node: &mut WideNode| {
-            let children = node.children;
-            for (slot, child) in children.into_iter().enumerate() {
-                if child == EMPTY || child & LEAF == 0 {
-                    continue;
-                }
-                let (first, count) = leaf_range(child);
-                let leaf = &vertices[(first - first_place) * 9..(first - first_place + count) * 9];
-                node.set(slot, bounds_of_leaf(leaf, count), child);
-            }
-        };
-        self.nodes.par_iter_mut().with_min_len(FEW).for_each(fit);
-        fit(&mut self.root);
-        // Children come after their parents, so that from the end on all below a node is done.
-        for index in (0..self.nodes.len()).rev() {
-            let mut node = self.nodes[index];
-            self.follow(&mut node, first_node);
-            self.nodes[index] = node;
-        }
-        let mut root = self.root;
-        self.follow(&mut root, first_node);
-        self.root = root;
-    }
-
-    /// Takes the boxes of the nodes below from these.
-    fn follow(&self, node: &mut WideNode, first_node: usize) {
-        let children = node.children;
-        for (slot, child) in children.into_iter().enumerate().filter(|(_, child)| child & LEAF == 0) {
-            node.set(slot, extent(&self.nodes[child as usize - first_node]), child);
-        }
-    }
-
-    /// Writes the vertex coordinates of its triangles in leaf order, many leaves at a time.
-    fn lay_out(&self, corners: &(impl Fn(u32) -> [Vec3; 3] + Sync), vertices: &mut [f32]) {
-        const MANY: usize = 4096;
-        let (mut order, mut left) = (&self.order[..], vertices);
-        let mut work = Vec::with_capacity(order.len() / MANY + 1);
-        while !order.is_empty() {
-            // To the end of a leaf.
-            let end = (MANY..order.len()).find(|&place| order[place].lane == 0).unwrap_or(order.len());
-            let (own, rest) = std::mem::take(&mut left).split_at_mut(end * 9);
-            work.push((&order[..end], own));
-            (order, left) = (&order[end..], rest);
-        }
-        work.into_par_iter().for_each(|(order, vertices)| {
-            for (place, slot) in order.iter().enumerate() {
-                let (first, lane) = ((place - slot.lane as usize) * 9, slot.lane as usize);
-                for (corner, p) in corners(slot.triangle).into_iter().enumerate() {
-                    for axis in 0..3 {
-                        vertices[first + (corner * 3 + axis) * slot.leaf_len as usize + lane] = p[axis];
-                    }
-                }
-            }
-        });
-    }
-}
-
-/// The box around a leaf of so many triangles, from its vertices as they are laid out.
-fn bounds_of_leaf(vertices: &[f32], count: usize) -> (Vec3, Vec3) {
-    let (mut lower, mut upper) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for (row, values) in vertices.chunks_exact(count).enumerate() {
-        let axis = row % 3;
-        lower[axis] = values.iter().copied().fold(lower[axis], f32::min);
-        upper[axis] = values.iter().copied().fold(upper[axis], f32::max);
-    }
-    (lower, upper)
-}
-
 /// Eight children a node over a binary tree whose leaves stand for `roots`, and its levels above these.
 pub(super) fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> (Vec<WideNode>, u32) {
     let (mut nodes, mut deepest) = (vec![WideNode::VACANT], 0);
@@ -297,6 +183,11 @@ pub(super) fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> (Vec<WideNode>
 /// meets. Its last corner is moved by `width`, in metres, or by a few roundings where that is more. Others are as
 /// they are.
 pub fn solid(corners: [Vec3; 3], width: f32) -> [Vec3; 3] {
+    let (e, f) = (corners[1] - corners[0], corners[2] - corners[0]);
+    // Far more than roundings make of none.
+    if e.cross(f).length_squared() > 1e-8 * e.length_squared() * f.length_squared() {
+        return corners;
+    }
     let [a, b, c] = corners.map(|corner| corner.as_dvec3());
     if (b - a).cross(c - a) != DVec3::ZERO {
         return corners;
@@ -313,6 +204,7 @@ pub fn solid(corners: [Vec3; 3], width: f32) -> [Vec3; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::wide::LEAF;
 
     /// Clusters of triangles around places; the first is what stays.
     fn clusters(places: &[Vec3], each: usize) -> (Vec<Vec3>, Vec<[u32; 3]>, Vec<Range<usize>>) {
@@ -354,7 +246,7 @@ mod tests {
                 (0..count).map(|i| Vec3::new((i * i % 17) as f32, i as f32, 0.5 * i as f32)).collect();
             let (positions, triangles, parts) = clusters(&places, each);
             let still = WideBvh::build(&positions, &triangles[..each]);
-            let (whole, mut parted) = Parted::build(&positions, &triangles, &parts, still);
+            let (whole, mut parted) = Parted::build(&positions, &triangles, &parts, still, &[]);
             whole.validate(&positions, &triangles).unwrap();
             let fresh = WideBvh::build(&positions, &triangles).cost().sum();
             assert!(whole.cost().sum() < 1.6 * fresh + 2.0, "{count}: {:?} {fresh}", whole.cost());
@@ -408,9 +300,9 @@ mod tests {
     fn scenes_in_which_all_moves_or_nothing_is_are_trees() {
         let (positions, triangles, _) = clusters(&[Vec3::ZERO, Vec3::X], 20);
         let nothing = || WideBvh::build(&positions, &[]);
-        let (whole, _) = Parted::build(&positions, &triangles, &[0..20, 20..40], nothing());
+        let (whole, _) = Parted::build(&positions, &triangles, &[0..20, 20..40], nothing(), &[]);
         whole.validate(&positions, &triangles).unwrap();
-        let (empty, _) = Parted::build(&positions, &[], &[], nothing());
+        let (empty, _) = Parted::build(&positions, &[], &[], nothing(), &[]);
         empty.validate(&positions, &[]).unwrap();
     }
 

@@ -60,6 +60,18 @@ pub fn load(scene: Option<&Path>, config: &Config) -> Result<Loaded> {
     }
 }
 
+/// The same in a headset, with the wearer's hands in it, where the settings want to see them.
+///
+/// # Errors
+/// Where the scene or the environment cannot be used.
+#[cfg(feature = "openxr")]
+pub fn load_worn(scene: Option<&Path>, config: &Config) -> Result<Loaded> {
+    match scene {
+        Some(path) => Loaded::worn_from_file(path, config),
+        None => Loaded::worn_from_glb("the demo scene", &generate::demo::generate(), config),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
     let mut defaults = stereo_defaults();
@@ -109,6 +121,7 @@ pub fn run(args: &Args) -> Result<()> {
         rest: args.options.picture.view.viewpoint(&loaded.scene, &config)?.0,
         gaze: args.options.look.gaze,
         still: false,
+        hands: false,
         out: &args.out,
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;

@@ -38,6 +38,9 @@ pub struct Args {
     /// Keep head and gaze at rest, for measuring what changes when nothing moves.
     #[arg(long)]
     still: bool,
+    /// Hold a controller in each hand.
+    #[arg(long)]
+    hands: bool,
     #[command(flatten)]
     speed: SpeedFlag,
     #[command(flatten)]
@@ -85,6 +88,8 @@ pub struct Session<'a> {
     pub gaze: Option<DVec2>,
     /// Keep head and gaze at rest.
     pub still: bool,
+    /// Hold a controller in each hand.
+    pub hands: bool,
     /// Where files go.
     pub out: &'a Path,
 }
@@ -94,7 +99,10 @@ pub fn run(args: &Args) -> Result<()> {
     let config = args.speed.over(args.options.config_over(Layers::over(stereo_defaults()))?)?;
     let profile = profile(&args.headset)?;
     check_out(&args.out)?;
-    let (machine, loaded) = render::open_with(&config, || render::load_moving(&args.scene, &config))?;
+    let (machine, loaded) = render::open_with(&config, || match args.hands {
+        true => render::load_worn(&args.scene, &config),
+        false => render::load_moving(&args.scene, &config),
+    })?;
     output::print_warnings(&loaded.warnings);
     let (rest, _) = args.options.picture.view.viewpoint(&loaded.scene, &config)?;
     let session = Session {
@@ -105,6 +113,7 @@ pub fn run(args: &Args) -> Result<()> {
         rest,
         gaze: args.options.look.gaze,
         still: args.still,
+        hands: args.hands,
         out: &args.out,
     };
     let summary = session.run(|_| args.frames, f64::from(args.frames) / profile.refresh_hz)?;
@@ -173,6 +182,9 @@ impl Session<'_> {
         };
         let mono = self.config.view.stereo == Stereo::Mono;
         let mut headset = MockHeadset::new(&self.machine.context, self.profile, mono, script, seconds)?;
+        if self.hands {
+            headset.hold_controllers();
+        }
         let mut frame_loop =
             FrameLoop::new(self.config, &self.loaded.scene, Rig::in_place(), self.gaze, None);
         let mut ledger = Ledger::default();

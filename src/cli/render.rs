@@ -126,6 +126,13 @@ pub fn load_moving(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
     Ok(loaded)
 }
 
+/// The same with the wearer's hands in it, where the settings want to see them.
+pub fn load_worn(scene: &std::path::Path, config: &Config) -> Result<Loaded> {
+    let loaded = Loaded::worn_from_file(scene, config)?;
+    require_triangles(scene, &loaded)?;
+    Ok(loaded)
+}
+
 /// Refuses a scene without anything to show.
 pub fn require_triangles(scene: &std::path::Path, loaded: &Loaded) -> Result<()> {
     if loaded.scene.triangles() > 0 {

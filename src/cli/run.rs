@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     watch.works();
     let Some(runtime) = runtime else { return Ok(()) };
-    let loaded = super::render::load_moving(&args.scene, &config)?;
+    let loaded = super::render::load_worn(&args.scene, &config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(&notes);
     let (rest, _) = args.options.picture.view.viewpoint(&loaded.scene, &config)?;
@@ -116,7 +116,7 @@ pub fn demo(
 fn in_headset(args: &super::demo::Args, config: &Config, notes: &[String], runtime: Runtime) -> Result<()> {
     let stop = stop_signal(last_words)?;
     let watch = Watchdog::start(stop.clone(), args.options.picture.config.json);
-    let loaded = super::demo::load(args.scene(), config)?;
+    let loaded = super::demo::load_worn(args.scene(), config)?;
     output::print_warnings(&loaded.warnings);
     output::print_warnings(notes);
     let [width, height] = args.options.given_size()?;

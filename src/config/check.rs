@@ -44,6 +44,7 @@ impl Config {
         range("environment.sun_elevation", f64::from(environment.sun_elevation), -10.0, 90.0)?;
         range("environment.sun_azimuth", f64::from(environment.sun_azimuth), -360.0, 360.0)?;
         range("environment.turbidity", f64::from(environment.turbidity), 1.0, 10.0)?;
+        environment.check_day()?;
         range("dk1.resolution", self.dk1.resolution, 0.05, 2.0)?;
         range("headset.margin", self.headset.margin, 0.0, 0.25)?;
         range("headset.refresh_hz", self.headset.refresh_hz, 0.0, 1000.0)?;

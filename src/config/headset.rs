@@ -45,6 +45,8 @@ pub struct HeadsetConfig {
     pub turn: Turn,
     /// Degrees of a snap turn, or per second of a smooth one.
     pub turn_degrees: f64,
+    /// Draw controllers in the scene, and where the pointing one points while it aims.
+    pub show_hands: bool,
     /// Let the terminal's keys move the wearer too.
     pub keyboard: bool,
     /// Hand over pictures' depths where the runtime takes them, for its own reprojection.
@@ -98,6 +100,7 @@ impl Default for HeadsetConfig {
             speed: 2.0,
             turn: Turn::Snap,
             turn_degrees: 30.0,
+            show_hands: true,
             keyboard: true,
             depth: true,
         }

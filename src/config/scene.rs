@@ -18,7 +18,8 @@ pub struct SceneConfig {
     /// The variant of materials, by name or by number from 0.
     pub variant: String,
     /// Which shapes are kept once, with a tree of their own, however often they are placed: "auto" (those placed often, in
-    /// scenes of more than four million triangles), "shared" (all that are placed more than once), or "flat" (none).
+    /// scenes of more than four million triangles, and all that move as a whole, where they have more than 40,000), "shared" (all
+    /// that are placed more than once or move as a whole), or "flat" (none).
     pub instancing: Instancing,
     /// Metres that a unit of the file is.
     pub scale: f64,

@@ -13,9 +13,11 @@ use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
 use crate::gpu::opencl::Device;
 use crate::progress;
+use crate::scene::hands;
 use crate::scene::instanced::InstancedShape;
 use crate::scene::sky::Sky;
-use crate::scene::{Environment, Instanced, LoadOptions, Progress, Scene};
+use crate::scene::sky::day::DayCycle;
+use crate::scene::{Environment, Instanced, LoadOptions, Progress, Scene, Sun};
 use crate::trace::SceneData;
 
 /// A step of starting up.
@@ -40,8 +42,10 @@ pub struct Loaded {
     pub parted: Option<Parted>,
     /// The tree was found on disk, not built.
     pub bvh_was_cached: bool,
-    /// Its light.
+    /// Its light, at the time of the settings.
     pub environment: Environment,
+    /// How that changes, where the scene is to move on and its sun does.
+    pub day: Option<DayCycle>,
     /// What was done for it.
     pub steps: Vec<Step>,
     /// Sentences that the operator should read once.
@@ -54,7 +58,7 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn from_file(path: &Path, config: &Config) -> Result<Loaded> {
-        Self::with(config, || read(path, config, false))
+        Self::with(config, false, || read(path, config, false))
     }
 
     /// Loads a scene from a file that moves on from its first instant, where anything in it does.
@@ -62,7 +66,15 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn moving_from_file(path: &Path, config: &Config) -> Result<Loaded> {
-        Self::with(config, || read(path, config, true))
+        Self::with(config, true, || read(path, config, true))
+    }
+
+    /// The same with the wearer's hands in it, where the settings want to see them.
+    ///
+    /// # Errors
+    /// Where the scene or the environment cannot be used.
+    pub fn worn_from_file(path: &Path, config: &Config) -> Result<Loaded> {
+        Self::with(config, true, || read(path, config, true).map(|scene| worn(scene, config)))
     }
 
     /// Takes a glTF binary from memory; `name` stands for it in messages.
@@ -70,7 +82,7 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn from_glb(name: &str, bytes: &[u8], config: &Config) -> Result<Loaded> {
-        Self::with(config, || Scene::from_glb(Path::new(name), bytes))
+        Self::with(config, false, || Scene::from_glb(Path::new(name), bytes))
     }
 
     /// Takes a glTF binary from memory whose animations play on, where it has some.
@@ -79,15 +91,32 @@ impl Loaded {
     /// Where the scene or the environment cannot be used.
     pub fn moving_from_glb(name: &str, bytes: &[u8], config: &Config) -> Result<Loaded> {
         let options = LoadOptions { keeps_motion: true, ..config.scene.load_options(Progress::default()) };
-        Self::with(config, || Scene::from_glb_with(Path::new(name), bytes, &options))
+        Self::with(config, true, || Scene::from_glb_with(Path::new(name), bytes, &options))
     }
 
-    fn with(config: &Config, load: impl FnOnce() -> Result<Scene> + Send) -> Result<Loaded> {
-        let (scene, light) = rayon::join(
-            || timed("scene", load),
-            || timed("environment", || environment(&config.environment)),
-        );
-        let ((scene, scene_step), ((environment, mut warnings), light_step)) = (scene?, light?);
+    /// The same with the wearer's hands in it, where the settings want to see them.
+    ///
+    /// # Errors
+    /// Where the scene or the environment cannot be used.
+    pub fn worn_from_glb(name: &str, bytes: &[u8], config: &Config) -> Result<Loaded> {
+        let options = LoadOptions { keeps_motion: true, ..config.scene.load_options(Progress::default()) };
+        let read = || Scene::from_glb_with(Path::new(name), bytes, &options);
+        Self::with(config, true, || read().map(|scene| worn(scene, config)))
+    }
+
+    fn with(config: &Config, moves: bool, load: impl FnOnce() -> Result<Scene> + Send) -> Result<Loaded> {
+        let light = || environment(&config.environment, config.scene.time);
+        let (scene, light) = rayon::join(|| timed("scene", load), || timed("environment", light));
+        let ((scene, scene_step), ((mut environment, mut warnings), light_step)) = (scene?, light?);
+        let day = day(&config.environment).filter(|_| moves);
+        if day.is_some() {
+            // Kernels have to know of a sun that is yet to rise.
+            environment.sun = environment.sun.or(Some(Sun {
+                direction: Vec3::NEG_Y,
+                cos_radius: 1.0,
+                radiance: Vec3::ZERO,
+            }));
+        }
         let ((bvh, shapes, parted, bvh_was_cached), bvh_step) = timed("bvh", || Ok(trees_of(&scene)))?;
         warnings.extend(scene.warnings.iter().cloned());
         Ok(Loaded {
@@ -97,6 +126,7 @@ impl Loaded {
             parted,
             bvh_was_cached,
             environment,
+            day,
             steps: vec![scene_step, light_step, bvh_step],
             warnings,
         })
@@ -116,6 +146,14 @@ impl Loaded {
     }
 }
 
+/// A scene with the wearer's hands in it, where the settings want to see them.
+fn worn(mut scene: Scene, config: &Config) -> Scene {
+    if config.headset.show_hands {
+        hands::attach(&mut scene, config.scene.time);
+    }
+    scene
+}
+
 /// Reads a scene, under a progress bar where standard error is a terminal.
 fn read(path: &Path, config: &Config, keeps_motion: bool) -> Result<Scene> {
     let (bar, progress) = reading();
@@ -131,13 +169,14 @@ fn trees_of(scene: &Scene) -> (WideBvh, Vec<WideBvh>, Option<Parted>, bool) {
     let (mesh, motion) = (&scene.mesh, scene.motion.as_ref());
     let first = motion.map_or(mesh.triangles.len(), |motion| motion.first_triangle(mesh));
     let (still, was_cached) = tree_of(&mesh.positions, &mesh.triangles[..first]);
-    let (still, shapes) = match &scene.instanced {
-        Some(instanced) => (over_instances(still, &instanced.boxes()), shape_trees(instanced)),
-        None => (still, Vec::new()),
-    };
+    let boxes = scene.instanced.iter().flat_map(|instanced| instanced.boxes()).collect::<Vec<_>>();
+    let resting = boxes.len() - motion.map_or(0, |motion| motion.rigid.len());
+    let still = if resting > 0 { over_instances(still, &boxes[..resting]) } else { still };
+    let shapes = scene.instanced.as_ref().map_or_else(Vec::new, |instanced| shape_trees(instanced));
     let Some(motion) = motion else { return (still, shapes, None, was_cached) };
     let parts: Vec<_> = motion.parts.iter().map(|part| part.triangles.clone()).collect();
-    let (bvh, parted) = Parted::build(&mesh.positions, &mesh.triangles, &parts, still);
+    let moving: Vec<_> = (1..).zip(boxes).skip(resting).collect();
+    let (bvh, parted) = Parted::build(&mesh.positions, &mesh.triangles, &parts, still, &moving);
     (bvh, shapes, Some(parted), was_cached)
 }
 
@@ -186,15 +225,26 @@ pub fn timed<T>(name: &'static str, run: impl FnOnce() -> Result<T>) -> Result<(
     Ok((result, Step { name, ms: start.elapsed().as_secs_f64() * 1e3 }))
 }
 
-/// The environment that the settings ask for, with warnings.
-pub fn environment(config: &EnvironmentConfig) -> Result<(Environment, Vec<String>)> {
+/// The sky that the settings ask for at time 0.
+fn sky(config: &EnvironmentConfig) -> Sky {
+    Sky {
+        sun_elevation_deg: config.sun_elevation,
+        sun_azimuth_deg: config.sun_azimuth,
+        turbidity: config.turbidity,
+        ..Sky::default()
+    }
+}
+
+/// How the sky of the settings turns, where it does.
+fn day(config: &EnvironmentConfig) -> Option<DayCycle> {
+    let (seconds, scale) = (config.day_length, config.exposure.exp2() as f32);
+    (seconds > 0.0).then(|| DayCycle { sky: sky(config), seconds, scale })
+}
+
+/// The environment that the settings ask for at a time in seconds, with warnings.
+pub fn environment(config: &EnvironmentConfig, time: f64) -> Result<(Environment, Vec<String>)> {
     let (mut environment, warnings) = if config.map.as_os_str().is_empty() {
-        let sky = Sky {
-            sun_elevation_deg: config.sun_elevation,
-            sun_azimuth_deg: config.sun_azimuth,
-            turbidity: config.turbidity,
-            ..Sky::default()
-        };
+        let sky = day(config).map_or_else(|| sky(config), |cycle| cycle.at(time));
         (sky.bake(), Vec::new())
     } else {
         Environment::load(&config.map)?

@@ -53,7 +53,8 @@ use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::reconstruct::{self, Frame, Overlay, Reconstruction};
 use crate::scene::Sun;
-use crate::trace::{self, Fleet, Job, MovingScene, SceneState};
+use crate::scene::hands::HandPlaces;
+use crate::trace::{self, Fleet, Job, MovingScene, MovingSky, SceneState, SkyState};
 use patterns::TracedView;
 pub use report::{FrameReport, Output, StageMs};
 use start::{reconstruction_settings, reuse, trace_settings};
@@ -84,10 +85,14 @@ pub struct Renderer {
     /// Steps of the cache of light so far, and those that the next view makes.
     light: u64,
     light_steps: u64,
-    /// What moves, how fast, and where it is.
+    /// What moves, how fast from which time on, and where it is.
     moving: Option<MovingScene>,
     speed: f64,
+    start: f64,
     state: Option<Arc<SceneState>>,
+    /// Light from infinitely far, where that changes, and how it is.
+    day: Option<MovingSky>,
+    sky: Option<Arc<SkyState>>,
     /// What bringing it there took since the last frame, in milliseconds.
     motion_ms: f64,
     views: Vec<TracedView>,
@@ -201,6 +206,7 @@ impl Renderer {
             settings: trace::Settings { seed, cached, rays: self.rays_of(index, view), ..self.settings },
             light: self.light,
             state: self.state.clone(),
+            sky: self.sky.clone(),
             pattern: traced.pattern.clone(),
             workload: traced.workload.clone(),
             sample_target: traced.sample_target.clone(),
@@ -238,6 +244,8 @@ impl Renderer {
             visibility: traced.sample_target.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,
             least_expected: self.least_expected,
+            light_holds: self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused),
+            light_changes: self.day.is_some() || self.moving.as_ref().is_some_and(|moving| !moving.rests()),
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
             // Eyes come in pairs: wide views first, insets after them.
@@ -378,13 +386,30 @@ impl Renderer {
         self.light_steps = steps;
     }
 
-    /// The next frames show what moves where it is so many seconds after the beginning, at the speed of the settings.
-    /// All views of a frame show one instant. Nothing happens in scenes in which nothing moves.
+    /// The next frames show what moves, and the sky, as they are so many seconds after the beginning, at the speed of
+    /// the settings. All views of a frame show one instant. Nothing happens where nothing moves.
     pub fn show_at(&mut self, seconds: f64) {
-        let Some(moving) = &mut self.moving else { return };
+        if self.moving.is_none() && self.day.is_none() {
+            return;
+        }
         let start = Instant::now();
-        self.state = Some(Arc::new(moving.at(moving.start() + seconds * self.speed)));
+        let passed = seconds * self.speed;
+        if let Some(moving) = self.moving.as_mut().filter(|moving| !moving.rests()) {
+            self.state = Some(Arc::new(moving.at(moving.start() + passed)));
+        }
+        if let Some(day) = &mut self.day {
+            let sky = day.at(self.start + passed);
+            (self.sun, self.least_expected) = (Some(sky.sun), sky.least_expected);
+            self.sky = Some(Arc::new(sky));
+        }
         self.motion_ms += start.elapsed().as_secs_f64() * 1e3;
+    }
+
+    /// The wearer's hands are drawn where they are from the next instant on, in scenes that were loaded with hands.
+    pub fn show_hands(&mut self, hands: &HandPlaces) {
+        if let Some(moving) = &mut self.moving {
+            moving.give(&hands.matrices());
+        }
     }
 
     /// The next frames find nothing of those before: after a cut, or where each frame has to stand for itself.

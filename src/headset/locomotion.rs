@@ -30,8 +30,12 @@ pub struct Hands {
     pub go: DVec2,
     /// To turn: right is positive, -1 to 1.
     pub turn: f64,
-    /// A teleport was asked for, just now.
+    /// A teleport was asked for, just now: what was pressed to aim has been let go.
     pub teleport: bool,
+    /// It is still pressed: the wearer looks where they would go.
+    pub aiming: bool,
+    /// Where the left and the right hand hold things, in the tracked space; `None` where they are not seen.
+    pub grips: [Option<Pose>; 2],
     /// Where the pointing hand is and, along its -Z, points: in the tracked space.
     pub aim: Option<Pose>,
     /// Back to the start, just now.

@@ -26,6 +26,10 @@ pub struct Frame<'a> {
     /// Radiance, above 0, below which reflections that pixels expect count no more than others (guided): a small
     /// share of the environment's.
     pub least_expected: f32,
+    /// Estimates at most that a sample's mean holds, at least 1, where light changes; infinite where it stays.
+    pub light_holds: f32,
+    /// Whether things or lights move, so that light may be other than it was in the last frame.
+    pub light_changes: bool,
     /// Where the eye is when the picture is seen: pixels are moved to where it sees them, by their depths
     /// (guided) or as if all were far away. `None` where that is where the view was traced from.
     pub shown_from: Option<Pose>,

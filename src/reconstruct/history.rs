@@ -102,7 +102,7 @@ pub(super) struct AccumulateParameters {
     pixel_width: f32,
     width: u32,
     longest: f32,
-    padding: u32,
+    light_changes: u32,
 }
 
 /// What a frame brings along.
@@ -115,6 +115,10 @@ pub(super) struct Fresh<'a> {
     pub pixel_width: f32,
     pub normal_power: f32,
     pub plane_tolerance: f32,
+    /// See [`super::Frame::light_holds`].
+    pub longest: f32,
+    /// See [`super::Frame::light_changes`].
+    pub light_changes: bool,
 }
 
 impl Source {
@@ -174,8 +178,8 @@ impl Accumulate {
             plane_tolerance: fresh.plane_tolerance,
             pixel_width: fresh.pixel_width,
             width: tables.width,
-            longest: self.reuse.frames as f32,
-            padding: 0,
+            longest: fresh.longest.min(self.reuse.frames as f32),
+            light_changes: fresh.light_changes.into(),
         };
         let now = Kept {
             view: *fresh.view,

@@ -166,8 +166,18 @@ impl Reconstruction {
                 let GuidedSettings { normal_power, plane_tolerance, .. } = self.settings.guided();
                 let view = frame.view;
                 let samples = &samples;
-                let fresh =
-                    Fresh { view, samples, visibility, rays, pixel_width, normal_power, plane_tolerance };
+                let (longest, light_changes) = (frame.light_holds, frame.light_changes);
+                let fresh = Fresh {
+                    view,
+                    samples,
+                    visibility,
+                    rays,
+                    pixel_width,
+                    normal_power,
+                    plane_tolerance,
+                    longest,
+                    light_changes,
+                };
                 let history = &mut state.history;
                 let records =
                     accumulate.record(&self.context, commands, tables, history, other.as_ref(), &fresh)?;

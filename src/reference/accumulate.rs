@@ -19,6 +19,17 @@ pub const TELLING: f64 = 6.0;
 pub const LEAST_AGREEMENT: f64 = 0.3;
 /// Estimates at most that a mean holds on surfaces that move.
 pub const MOVING_LONGEST: f64 = 1.0;
+/// Where things or lights move, standard errors by which a neighbourhood's brightness is off what it was once light has
+/// changed; see `kernels/accumulate.wgsl`.
+pub const SUDDEN: f64 = 4.0;
+/// Share of the variance in the past that counts at least.
+pub const PAST_SHARE: f64 = 0.3;
+/// Neighbours at least that tell of such a change.
+pub const FEW: f64 = 5.0;
+/// There, the weight of what was found on the other side of the sun's shadow: light from around the sun differs there as the sun does.
+pub const OTHER_SIDE: f64 = 0.02;
+/// Share of what was found on the same side from which on it counts in full: a shadow has come or gone where there is less.
+pub const ENOUGH_ON_SIDE: f64 = 0.25;
 /// Square of a distance in pixels that counts as none.
 pub const SAME_PLACE: f64 = 0.01;
 
@@ -80,6 +91,8 @@ pub struct Settings {
     pub neighbours: usize,
     /// Estimates at most in a mean.
     pub longest: f64,
+    /// Whether things or lights move, so that light may be other than it was.
+    pub light_changes: bool,
 }
 
 /// The samples with the light that was found before, and their histories.
@@ -108,14 +121,14 @@ fn one(
     let point = point_of(view, &sample);
     let lent = other.and_then(|kept| look_across(kept, view, &sample, point, settings));
     let (lent_light, lent_gloss, lent_weight, lent_gloss_weight) = lent.unwrap_or_default();
-    let value = brightness_around(view, fresh, index, settings);
+    let (value, error) = brightness_around(view, fresh, index, settings);
     let longest = if sample.moves { settings.longest.min(MOVING_LONGEST) } else { settings.longest };
     let mut history = History { ages: [0.0; 2], fast: value, slow: value, variance: 0.0 };
     let mut before = (sample.diffuse, sample.specular, None);
     if let Some((diffuse, specular, sun, old)) =
         last.and_then(|kept| look_back(kept, view, &sample, point, settings))
     {
-        history = followed(&old, value, longest);
+        history = followed(&old, value, error.filter(|_| settings.light_changes), longest);
         let offset = last.map_or(DVec3::ZERO, |kept| offset(view, &kept.view));
         history.ages[1] *= alike_reflection(point, offset, sample.roughness);
         before = (diffuse, specular, sun);
@@ -232,6 +245,16 @@ fn look_back(kept: &Kept, view: &View, sample: &Sample, point: DVec3, settings: 
     if agreed(&found) <= LEAST_AGREEMENT {
         return None;
     }
+    let is_same_side = |index: usize| kept.samples[index].sun.1 == sample.sun.1;
+    let on_side = |&&(index, ..): &&(usize, f64, f64)| is_same_side(index);
+    let near: f64 = found.iter().map(|(.., weight)| weight).sum();
+    let side_sum: f64 = found.iter().filter(on_side).map(|(.., weight)| weight).sum();
+    let sun: f64 =
+        found.iter().filter(on_side).map(|&(index, _, weight)| weight * kept.samples[index].sun.0).sum();
+    let weighed = |&(index, agree, weight): &(usize, f64, f64)| {
+        (index, agree, weight * if is_same_side(index) || !settings.light_changes { 1.0 } else { OTHER_SIDE })
+    };
+    let found: Vec<(usize, f64, f64)> = found.iter().map(weighed).collect();
     let sum: f64 = found.iter().map(|(.., weight)| weight).sum();
     let mean = |value: &dyn Fn(usize) -> f64| {
         found.iter().map(|&(index, _, weight)| weight * value(index)).sum::<f64>() / sum
@@ -239,12 +262,10 @@ fn look_back(kept: &Kept, view: &View, sample: &Sample, point: DVec3, settings: 
     let color = |value: &dyn Fn(usize) -> DVec3| {
         found.iter().map(|&(index, _, weight)| value(index) * weight).sum::<DVec3>() / sum
     };
-    let side = |&&(index, ..): &&(usize, f64, f64)| kept.samples[index].sun.1 == sample.sun.1;
-    let side_sum: f64 = found.iter().filter(side).map(|(.., weight)| weight).sum();
-    let sun =
-        found.iter().filter(side).map(|&(index, _, weight)| weight * kept.samples[index].sun.0).sum::<f64>();
+    let on_side = (side_sum / (ENOUGH_ON_SIDE * near)).min(1.0);
+    let believed = if settings.light_changes { on_side } else { 1.0 };
     let history = History {
-        ages: [0, 1].map(|part| mean(&|index| kept.histories[index].ages[part])),
+        ages: [0, 1].map(|part| believed * mean(&|index| kept.histories[index].ages[part])),
         fast: mean(&|index| kept.histories[index].fast),
         slow: mean(&|index| kept.histories[index].slow),
         variance: mean(&|index| kept.histories[index].variance),
@@ -281,25 +302,35 @@ fn brightness(sample: &Sample) -> f64 {
     (sample.diffuse + sample.specular * SPECULAR_SHARE).dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
-fn brightness_around(view: &View, fresh: &[Sample], index: usize, settings: &Settings) -> f64 {
+/// The mean brightness around a sample, and that mean's squared standard error, where there are enough samples to tell.
+fn brightness_around(view: &View, fresh: &[Sample], index: usize, settings: &Settings) -> (f64, Option<f64>) {
     let sample = &fresh[index];
     let (point, width) = (point_of(view, sample), pixel_width(view, sample) * sample.depth);
     let positions: Vec<[u32; 2]> = fresh.iter().map(|sample| sample.at).collect();
-    let (mut sum, mut weights) = (0.0, 0.0);
+    let mut values = Vec::new();
     for near in nearest(&positions, sample.at, settings.neighbours) {
         let other = &fresh[near.sample];
-        if usable(other) {
+        if usable(other) && (other.sun.1 == sample.sun.1 || !settings.light_changes) {
             let there = point_of(view, other);
             let weight = agreement(point, sample.normal, there, other.normal, width, settings);
-            sum += weight * brightness(other);
-            weights += weight;
+            values.push((weight, brightness(other)));
         }
     }
-    if weights > 0.0 { sum / weights } else { brightness(sample) }
+    let weights: f64 = values.iter().map(|(weight, _)| weight).sum();
+    if weights <= 0.0 {
+        return (brightness(sample), None);
+    }
+    let mean = values.iter().map(|(weight, value)| weight * value).sum::<f64>() / weights;
+    let variance =
+        values.iter().map(|(weight, value)| weight * (value - mean).powi(2)).sum::<f64>() / weights;
+    let squared: f64 = values.iter().map(|(weight, _)| weight * weight).sum();
+    // Kish's effective number of values is the square of the weights' sum over this.
+    let free = weights * weights / squared - 1.0;
+    (mean, (free > FEW - 1.0).then(|| variance / free))
 }
 
 /// The means with one more value; where they tell that light has changed, all estimates begin anew.
-fn followed(last: &History, value: f64, longest: f64) -> History {
+fn followed(last: &History, value: f64, error: Option<f64>, longest: f64) -> History {
     let rate = 1.0 / (last.ages[0].min(longest) + 1.0);
     let mix = |from: f64, to: f64, rate: f64| from + (to - from) * rate;
     let mut history = History {
@@ -310,7 +341,10 @@ fn followed(last: &History, value: f64, longest: f64) -> History {
     };
     let of_fast = FAST_RATE / (2.0 - FAST_RATE) * last.variance;
     let limit = DEVIATIONS.powi(2) * of_fast + (UNNOTICED * last.slow).powi(2);
-    if last.ages[0] >= TELLING && (history.fast - history.slow).powi(2) > limit {
+    let spread = |error: f64| error.max(PAST_SHARE * last.variance) * (1.0 + rate);
+    let sudden = |error: f64| SUDDEN.powi(2) * spread(error) + (UNNOTICED * last.slow).powi(2);
+    let is_sudden = error.is_some_and(|error| (value - last.slow).powi(2) > sudden(error));
+    if (last.ages[0] >= TELLING && (history.fast - history.slow).powi(2) > limit) || is_sudden {
         History { ages: [0.0; 2], fast: value, slow: value, ..history }
     } else {
         history.variance = mix(last.variance, (value - last.slow).powi(2), rate);
@@ -319,121 +353,4 @@ fn followed(last: &History, value: f64, longest: f64) -> History {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::pose::Pose;
-    use crate::math::view::FieldOfView;
-    use glam::DQuat;
-
-    const SETTINGS: Settings =
-        Settings { normal_power: 16.0, plane_tolerance: 0.25, k: 4, neighbours: 12, longest: 32.0 };
-
-    fn view(position: DVec3, yaw: f64) -> View {
-        let fov = FieldOfView::symmetric(1.0, 1.5);
-        let world_from_eye = Pose::new(DQuat::from_rotation_y(yaw), position);
-        View { world_from_eye, fov, width: 48, height: 32, spacing: Default::default() }
-    }
-
-    /// Samples on the wall z = -4, whose light is `light` of the wall's point.
-    fn wall(view: &View, light: impl Fn(DVec3) -> f64) -> Vec<Sample> {
-        let at = |i: u32| [(i * 7) % view.width, (i * 7 / view.width * 3 + i % 3) % view.height];
-        (0..220)
-            .map(at)
-            .map(|at| {
-                let pixel = DVec2::new(f64::from(at[0]) + 0.5, f64::from(at[1]) + 0.5);
-                let direction = view.world_from_eye.rotation * view.eye_direction(pixel);
-                let depth = (-4.0 - view.world_from_eye.position.z) / direction.z;
-                let place = view.world_from_eye.position + direction * depth;
-                let (diffuse, specular) = (DVec3::splat(light(place)), DVec3::ZERO);
-                Sample {
-                    at,
-                    diffuse,
-                    specular,
-                    depth,
-                    normal: DVec3::Z,
-                    sun: (1.0, true),
-                    roughness: 1.0,
-                    moves: false,
-                }
-            })
-            .collect()
-    }
-
-    fn noise(seed: &mut u64) -> f64 {
-        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (*seed >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Frames along a path; the last one's samples and histories.
-    fn run(frames: u32, views: impl Fn(u32) -> View, light: impl Fn(u32, DVec3) -> f64) -> Kept {
-        let (mut kept, mut seed): (Option<Kept>, u64) = (None, 7);
-        for frame in 0..frames {
-            let view = views(frame);
-            let mut fresh = wall(&view, |place| light(frame, place));
-            fresh.iter_mut().for_each(|sample| sample.diffuse *= 0.5 + noise(&mut seed));
-            let (samples, histories) = accumulate(&view, &fresh, kept.as_ref(), None, &SETTINGS);
-            kept = Some(Kept { view, samples, histories });
-        }
-        kept.expect("a frame")
-    }
-
-    fn error(kept: &Kept, truth: f64) -> (f64, f64) {
-        let n = kept.samples.len() as f64;
-        let mean = kept.samples.iter().map(|sample| sample.diffuse.x / truth).sum::<f64>() / n;
-        let square =
-            kept.samples.iter().map(|sample| (sample.diffuse.x / truth - 1.0).powi(2)).sum::<f64>() / n;
-        (mean - 1.0, square.sqrt())
-    }
-
-    #[test]
-    fn noise_falls_at_rest_and_in_motion_without_bias() {
-        let (_, alone) = error(&run(1, |_| view(DVec3::ZERO, 0.0), |_, _| 3.0), 3.0);
-        let (bias, rest) = error(&run(40, |_| view(DVec3::ZERO, 0.0), |_, _| 3.0), 3.0);
-        assert!(rest < alone / 4.0 && bias.abs() < 0.02, "{alone} {rest} {bias}");
-        let turning =
-            |frame: u32| view(DVec3::new(0.004 * f64::from(frame), 0.0, 0.0), 0.01 * f64::from(frame));
-        let (bias, moving) = error(&run(30, turning, |_, _| 3.0), 3.0);
-        assert!(moving < alone / 2.0 && bias.abs() < 0.03, "{alone} {moving} {bias}");
-    }
-
-    #[test]
-    fn a_change_of_light_is_followed_within_a_few_frames() {
-        let changed =
-            |frames| run(frames, |_| view(DVec3::ZERO, 0.0), |frame, _| if frame < 40 { 3.0 } else { 1.0 });
-        let (late, _) = error(&changed(46), 1.0);
-        assert!(late < 0.25, "{late} is left after six frames");
-        let kept = changed(41);
-        assert!(
-            kept.histories.iter().filter(|h| h.ages[0] < 8.0).count() > 200,
-            "the change was seen at once"
-        );
-    }
-
-    #[test]
-    fn other_surfaces_lend_nothing() {
-        let here = view(DVec3::ZERO, 0.0);
-        let fresh = wall(&here, |_| 1.0);
-        let mut behind = wall(&here, |_| 9.0);
-        behind.iter_mut().for_each(|sample| sample.depth *= 1.4);
-        let mut turned = wall(&here, |_| 9.0);
-        turned.iter_mut().for_each(|sample| sample.normal = DVec3::X);
-        for samples in [behind, turned] {
-            let histories = vec![History { ages: [9.0; 2], ..History::default() }; samples.len()];
-            let kept = Kept { view: here, samples, histories };
-            let (mixed, found) = accumulate(&here, &fresh, Some(&kept), Some(&kept), &SETTINGS);
-            assert_eq!(mixed, fresh);
-            assert!(found.iter().all(|history| history.ages == [1.0; 2]));
-        }
-    }
-
-    #[test]
-    fn the_other_eye_counts_as_a_second_estimate() {
-        let (left, right) = (view(DVec3::ZERO, 0.0), view(DVec3::new(0.064, 0.0, 0.0), 0.0));
-        let fresh = wall(&right, |_| 1.0);
-        let kept = Kept { view: left, samples: wall(&left, |_| 3.0), histories: Vec::new() };
-        let (mixed, histories) = accumulate(&right, &fresh, None, Some(&kept), &SETTINGS);
-        let shared = mixed.iter().filter(|sample| (sample.diffuse.x - 2.0).abs() < 0.1).count();
-        assert!(shared > 180, "{shared} of {} samples are shared", mixed.len());
-        assert!(histories.iter().filter(|history| history.ages[0] > 1.9).count() >= shared);
-    }
-}
+mod tests;

@@ -135,6 +135,13 @@ impl Environment {
         ((0..self.height).map(row).sum::<f64>() / 4.0) as f32
     }
 
+    /// A fiftieth of the mean of the map's texels, within what reconstruction can do with: the least radiance that
+    /// glossy surfaces expect of it.
+    pub fn least_expected(&self) -> f32 {
+        let sum: f64 = self.texels.iter().map(|texel| f64::from(texel.element_sum())).sum();
+        ((sum / (150 * self.texels.len().max(1)) as f64) as f32).clamp(1e-6, 1e6)
+    }
+
     /// Solid angle in steradians of each texel of row `y`, exactly.
     pub fn texel_solid_angle(&self, y: u32) -> f64 {
         let edge = |row: u32| (std::f64::consts::PI * f64::from(row) / f64::from(self.height)).cos();

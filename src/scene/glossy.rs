@@ -56,6 +56,22 @@ pub fn prefiltered(map: &Environment) -> Vec<[f32; 4]> {
     texels
 }
 
+/// What [`prefiltered`] makes of a map that is the same to the left and to the right of its centre column: of each level
+/// the left half alone, and no level wider than `most` texels. With its width each.
+pub fn prefiltered_halves(map: &Environment, most: u32) -> Vec<(u32, Vec<Vec3>)> {
+    let pyramid = Pyramid::new(map);
+    let level = |(roughness, width): (f32, u32)| {
+        let (width, lobe) = (width.min(most), lobe(roughness));
+        let half = width / 2;
+        let texel = |at: u32| {
+            let uv = Vec2::new((at % half) as f32 + 0.5, 2.0 * ((at / half) as f32 + 0.5)) / width as f32;
+            average(&pyramid, direction_from_uv(uv), &lobe)
+        };
+        (width, (0..half * half).into_par_iter().map(texel).collect())
+    };
+    LEVELS.into_iter().map(level).collect()
+}
+
 /// Directions around +Z, each with its weight and the level of the map that is as coarse as they are sparse there.
 fn lobe(roughness: f32) -> Vec<(Vec3, f32, f32)> {
     let (square, count) = (roughness.powi(4), directions(roughness));

@@ -10,18 +10,31 @@
 //! the last place of a coordinate relative to the anchor). Surfaces of two instances that touch are rounded each by
 //! itself: unlike flattened ones they may leave a gap of that width.
 //!
-//! What is flattened all the same: small scenes, where that saves little; what moves; what shines, since emitters are
-//! aimed at one by one; and places of a matrix that flattens the shape.
+//! What is flattened all the same: small scenes, where that saves little; what bends or changes its form; what shines,
+//! since emitters are aimed at one by one; and places of a matrix that flattens the shape.
+//!
+//! **Instances that move.** What an animation moves as a whole is a shape too, even if it is placed once, where such parts
+//! have more than [`MOVED_TRIANGLES`] triangles together: then a frame needs a matrix for each, and neither vertices nor
+//! trees are made anew. Doors to them are among the parts below the top that is built for each frame
+//! (`src/bvh/parted.rs`). While its matrix flattens it, a shape is not there; where motion mirrors it, it stays wound as it
+//! was at first.
 
 use std::ops::Range;
 
-use glam::{DMat4, DVec3, Vec3};
+use glam::{DMat3, DMat4, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{Mesh, Scene};
 
 /// Triangles of all instances of a scene up to which none is kept as one: 2 GB while they are loaded.
 pub const FLAT_TRIANGLES: u64 = 4_000_000;
+
+/// Triangles of all parts that move as a whole up to which none of these is kept as a shape: two cores make so many anew for
+/// a frame in three milliseconds, and rays find what is placed already a little sooner than what is not.
+pub const MOVED_TRIANGLES: u64 = 40_000;
+
+/// A matrix whose determinant is less of its columns' lengths flattens what it places.
+const FLATTENS: f64 = 1e-6;
 
 /// Triangles that instances of a shape have more than the shape at least, for it to be kept once.
 const LEAST_SAVED: u64 = 10_000;
@@ -50,6 +63,15 @@ impl Instancing {
             Instancing::Flat => false,
         }
     }
+
+    /// The same for a shape that moves as a whole, in a scene where `all` triangles do.
+    pub fn shares_moving(self, all: u64) -> bool {
+        match self {
+            Instancing::Auto => all > MOVED_TRIANGLES,
+            Instancing::Shared => true,
+            Instancing::Flat => false,
+        }
+    }
 }
 
 /// Shapes that are kept once, and their places.
@@ -70,6 +92,8 @@ pub struct InstancedShape {
     pub triangles: Range<usize>,
     /// Its vertices.
     pub vertices: Range<usize>,
+    /// Its instances move.
+    pub moves: bool,
 }
 
 /// A shape at a place.
@@ -82,6 +106,12 @@ pub struct Instance {
 }
 
 impl Instance {
+    /// By the matrix that takes the shape's points to places relative to the anchor.
+    pub fn new(shape: u32, anchor_from_shape: &DMat4) -> Self {
+        let row = |axis: usize| anchor_from_shape.row(axis).as_vec4().to_array();
+        Instance { shape, anchor_from_shape: [row(0), row(1), row(2)] }
+    }
+
     /// Where it puts a point: as kernels do (`placed` in `kernels/shared/scene.h`), in the same roundings.
     pub fn place(&self, p: Vec3) -> Vec3 {
         let row = |[x, y, z, w]: [f32; 4]| x.mul_add(p.x, y.mul_add(p.y, z.mul_add(p.z, w)));
@@ -111,6 +141,16 @@ impl Instance {
             column(3).extend(1.0),
         )
     }
+}
+
+/// Whether an instance of a shape in a box is what the flattened shape would be: its matrix flattens nothing, and sums of a
+/// few terms stay finite in single precision.
+pub fn is_usable(anchor_from_shape: &DMat4, (low, high): (DVec3, DVec3)) -> bool {
+    let linear = DMat3::from_mat4(*anchor_from_shape);
+    let lengths = linear.x_axis.length() * linear.y_axis.length() * linear.z_axis.length();
+    let is_solid = linear.determinant().abs() > FLATTENS * lengths && lengths.is_finite();
+    let reach = linear.abs() * low.abs().max(high.abs()) + anchor_from_shape.w_axis.truncate().abs();
+    is_solid && reach.max_element() < f64::from(f32::MAX) * 0.25 && lengths > f64::from(f32::MIN_POSITIVE)
 }
 
 impl Instanced {
@@ -186,9 +226,9 @@ impl Scene {
     }
 
     /// The same scene with every instance's triangles in the mesh: what tests compare pictures with. Normals and tangents
-    /// are turned in double precision.
+    /// are turned in double precision, and nothing moves on.
     pub fn flattened(&self) -> Scene {
-        let mut scene = Scene { instanced: None, ..self.clone() };
+        let mut scene = Scene { instanced: None, motion: None, ..self.clone() };
         let Some(instanced) = &self.instanced else { return scene };
         for instance in &instanced.instances {
             append(&mut scene.mesh, instanced, instance);
@@ -217,7 +257,7 @@ const BOX: [[u32; 3]; 12] = [
 fn append(mesh: &mut Mesh, instanced: &Instanced, instance: &Instance) {
     use super::gltf::vectors::{transform_normal, transform_tangent};
     let (from, shape) = (&instanced.mesh, &instanced.shapes[instance.shape as usize]);
-    let linear = glam::DMat3::from_mat4(instance.matrix());
+    let linear = DMat3::from_mat4(instance.matrix());
     let (base, vertices) = (mesh.positions.len() as u32, shape.vertices.clone());
     mesh.positions.extend(from.positions[vertices.clone()].iter().map(|&p| instance.place(p)));
     mesh.normals.extend(from.normals[vertices.clone()].iter().map(|&n| transform_normal(&linear, n)));

@@ -9,7 +9,10 @@ use super::{Mesh, Scene};
 /// triangle's unit normal on the side that the ray comes from. Surfaces with holes count as whole.
 pub fn nearest(scene: &Scene, origin: DVec3, direction: DVec3) -> Option<(DVec3, DVec3)> {
     let least = |a: &(f64, DVec3), b: &(f64, DVec3)| a.0.total_cmp(&b.0);
-    let world = in_mesh(&scene.mesh, &scene.mesh.triangles, |p| p, origin, direction);
+    // Nobody points at their own hands, or stands on them.
+    let given = scene.motion.as_ref().and_then(|motion| motion.first_given());
+    let own = given.map_or(scene.mesh.triangles.len(), |part| part.triangles.start);
+    let world = in_mesh(&scene.mesh, &scene.mesh.triangles[..own], |p| p, origin, direction);
     let instanced = scene.instanced.iter().filter_map(|instanced| {
         let boxes = instanced.boxes();
         let near =

@@ -1,6 +1,7 @@
 //! An analytic clear sky: a physical atmosphere, baked to a map, and its sun apart from it.
 
 mod atmosphere;
+pub mod day;
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,7 +15,7 @@ use atmosphere::Atmosphere;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sky {
     /// The sun's centre above the horizon in degrees, -10 to 90. Once the sun is a radius below the
-    /// horizon only its twilight is left.
+    /// horizon only its twilight is left; while it touches it, it has the light of its part above.
     pub sun_elevation_deg: f32,
     /// Its direction in degrees clockwise seen from above: 0 is -Z, 90 is +X.
     pub sun_azimuth_deg: f32,
@@ -59,20 +60,28 @@ impl Sky {
     /// reflects a radiance of 1 at 45 degrees of sun elevation.
     pub fn bake(&self) -> Environment {
         let sky = self.sanitised();
-        let atmosphere = Atmosphere::new(f64::from(sky.turbidity), f64::from(sky.ground_albedo));
-        let sun = sky.sun_direction();
-        let upper = table_rows(&atmosphere, sun, 0..HEIGHT / 2, DVec3::ZERO);
-        let sky_irradiance = horizontal_irradiance(&upper);
-        let sun_irradiance = atmosphere.transmittance(0.0, sun.y) * sun.y.max(0.0);
-        let ground = (sky_irradiance + sun_irradiance) * f64::from(sky.ground_albedo) / PI;
-        let lower = table_rows(&atmosphere, sun, HEIGHT / 2..HEIGHT, ground);
-        let rows: Vec<Vec<DVec3>> = upper.into_iter().chain(lower).collect();
+        let atmosphere = sky.atmosphere();
         Environment {
             width: WIDTH,
             height: HEIGHT,
-            texels: unroll(&rows, f64::from(sky.sun_azimuth_deg).to_radians()),
+            texels: unroll(&sky.rows(&atmosphere), f64::from(sky.sun_azimuth_deg).to_radians()),
             sun: sky.sun(&atmosphere),
         }
+    }
+
+    fn atmosphere(&self) -> Atmosphere {
+        Atmosphere::new(f64::from(self.turbidity), f64::from(self.ground_albedo))
+    }
+
+    /// For each row of the map the radiance at [`AZIMUTHS`] angles from the sun's azimuth, before [`SCALE`].
+    fn rows(&self, atmosphere: &Atmosphere) -> Vec<Vec<DVec3>> {
+        let sun = self.sun_direction();
+        let upper = table_rows(atmosphere, sun, 0..HEIGHT / 2, DVec3::ZERO);
+        let sky_irradiance = horizontal_irradiance(&upper);
+        let sun_irradiance = atmosphere.transmittance(0.0, sun.y) * sun.y.max(0.0);
+        let ground = (sky_irradiance + sun_irradiance) * f64::from(self.ground_albedo) / PI;
+        let lower = table_rows(atmosphere, sun, HEIGHT / 2..HEIGHT, ground);
+        upper.into_iter().chain(lower).collect()
     }
 
     /// Unit direction towards the sun's centre.
@@ -102,14 +111,21 @@ impl Sky {
         }
         // A sun that touches the horizon is lit like its upper part.
         let sine = self.sun_direction().y.max(SUN_RADIUS_DEG.to_radians() / 2.0);
+        let risen = risen(f64::from(self.sun_elevation_deg) / SUN_RADIUS_DEG);
         let mut sun = Sun {
             direction: self.sun_direction().as_vec3().normalize(),
             cos_radius: SUN_RADIUS_DEG.to_radians().cos() as f32,
             radiance: Vec3::ZERO,
         };
-        sun.radiance = (atmosphere.transmittance(0.0, sine) * SCALE / sun.solid_angle()).as_vec3();
+        sun.radiance = (atmosphere.transmittance(0.0, sine) * risen * SCALE / sun.solid_angle()).as_vec3();
         Some(sun)
     }
+}
+
+/// The part of a disc above a line that its centre is so many radii above: a circle's segment.
+fn risen(radii: f64) -> f64 {
+    let x = radii.clamp(-1.0, 1.0);
+    1.0 - (x.acos() - x * (1.0 - x * x).sqrt()) / PI
 }
 
 /// Sine of the elevation of the centres of the map's row `y`.

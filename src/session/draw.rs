@@ -7,6 +7,7 @@ use crate::frame::{FrameReport, Renderer, ViewRequest};
 use crate::headset::{Canvas, Toggles};
 use crate::math::pose::Pose;
 use crate::reconstruct::Output;
+use crate::scene::hands::HandPlaces;
 
 /// A picture to be made.
 pub struct Picture<'p> {
@@ -39,6 +40,9 @@ pub trait Draw {
     /// The next ones show what moves where it is so many seconds after the beginning: see [`Renderer::show_at`].
     fn show_at(&mut self, seconds: f64);
 
+    /// The next ones show the wearer's hands there: see [`Renderer::show_hands`].
+    fn show_hands(&mut self, hands: &HandPlaces);
+
     /// Switches what is to be switched.
     fn toggle(&mut self, toggles: Toggles);
 
@@ -61,6 +65,10 @@ impl Draw for Renderer {
 
     fn show_at(&mut self, seconds: f64) {
         Renderer::show_at(self, seconds);
+    }
+
+    fn show_hands(&mut self, hands: &HandPlaces) {
+        Renderer::show_hands(self, hands);
     }
 
     fn toggle(&mut self, toggles: Toggles) {

@@ -181,6 +181,7 @@ impl<'a> FrameLoop<'a> {
         let held = self.hold(link, frame)?;
         let Some(canvases) = link.headset.acquire()? else { return self.skip(link, frame, None) };
         let begun = *self.begun.get_or_insert(time);
+        link.draw.show_hands(&self.rig.hands(&input.hands, self.scene));
         link.draw.show_at(time.saturating_sub(begun) as f64 * 1e-9);
         // As late as it can be: all that is left to do before tracing is to choose samples.
         let newest = self.eyes(link.headset, frame, Asking::Trace)?;

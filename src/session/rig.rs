@@ -6,6 +6,7 @@ use crate::config::{HeadsetConfig, Turn, Walk};
 use crate::headset::locomotion::{Hands, Locomotion, Manner, upright};
 use crate::headset::{EyeView, Keys};
 use crate::math::pose::Pose;
+use crate::scene::hands::{Aim, HandPlaces, Met};
 use crate::scene::{Scene, pick};
 
 /// Eyes above the ground where nothing tells, in metres.
@@ -97,6 +98,21 @@ impl Rig {
         }
     }
 
+    /// Where hands are in the scene, and what the one that aims points at.
+    pub fn hands(&self, hands: &Hands, scene: &Scene) -> HandPlaces {
+        let aim = hands.aim.filter(|_| hands.aiming && self.teleports).map(|aim| {
+            let hand = self.in_scene(aim);
+            let met = pick::nearest(scene, hand.position - scene.anchor, hand.rotation * DVec3::NEG_Z);
+            let met = met.map(|(point, normal)| Met {
+                point: point + scene.anchor,
+                normal,
+                can_stand: normal.y > STEEPEST,
+            });
+            Aim { hand, met }
+        });
+        HandPlaces { grips: hands.grips.map(|grip| grip.map(|grip| self.in_scene(grip))), aim }
+    }
+
     /// Has the eyes as high above the ground as at the start, however tall or seated the wearer is: until they go
     /// back to the start. Nothing where there is no ground.
     fn reset_height(&mut self, head: &Pose, scene: &Scene) {
@@ -169,5 +185,25 @@ mod tests {
             assert!((ground(&rig, height) - below).abs() < 1e-9);
             assert!((rig.rest.position.y - height - below).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn hands_are_in_the_scene_and_aim_at_what_is_there() {
+        let glb = crate::scene::generate::demo::generate();
+        let scene = Scene::from_glb(std::path::Path::new("demo"), &glb).unwrap();
+        let start = Pose::new(DQuat::from_rotation_y(1.0), DVec3::new(0.0, 1.6, 0.0));
+        let mut config = crate::config::Config::default().headset;
+        let rig = Rig::new(start, &scene, &config);
+        let grip = Pose::new(DQuat::from_rotation_x(-0.5), DVec3::new(0.2, -0.3, -0.4));
+        let hands = Hands { grips: [None, Some(grip)], aim: Some(grip), aiming: true, ..Hands::default() };
+        let shown = rig.hands(&hands, &scene);
+        assert_eq!(shown.grips, [None, Some(rig.in_scene(grip))]);
+        let Aim { hand: aim, met } = shown.aim.unwrap();
+        let Met { point, normal, .. } = met.unwrap();
+        assert!((point - aim.position).normalize().dot(aim.rotation * DVec3::NEG_Z) > 1.0 - 1e-9);
+        assert!((normal.length() - 1.0).abs() < 1e-9 && point.y < aim.position.y);
+        assert_eq!(rig.hands(&Hands { aiming: false, ..hands }, &scene).aim, None);
+        config.walk = Walk::Off;
+        assert_eq!(Rig::new(start, &scene, &config).hands(&hands, &scene).aim, None);
     }
 }

@@ -48,6 +48,8 @@ pub(super) struct LightCache {
     settle_cells: SettleCells,
     forget_cells: ForgetCells,
     traversal: Traversal,
+    /// Frames after which what a path has brought counts half, where the sky stands still.
+    half_life: f32,
     /// Made when it is first used.
     memory: Option<Memory>,
     info: CacheInfo,
@@ -71,6 +73,7 @@ impl LightCache {
             settle_cells: SettleCells::of(program)?,
             forget_cells: ForgetCells::of(program)?,
             traversal,
+            half_life: HALF_LIFE,
             memory: None,
             info: CacheInfo {
                 frame: 0,
@@ -84,7 +87,13 @@ impl LightCache {
 
     /// From now on things move, and light changes with them.
     pub fn follow_motion(&mut self) {
-        self.info.half_life = MOVING_HALF_LIFE;
+        self.half_life = MOVING_HALF_LIFE;
+        self.info.half_life = self.info.half_life.min(MOVING_HALF_LIFE);
+    }
+
+    /// From now on the sky's light changes so fast that so many frames are half of a memory.
+    pub fn follow_sky(&mut self, half_life: f32) {
+        self.info.half_life = self.half_life.min(half_life);
     }
 
     /// What a kernel is given that looks the cache up: it as a whole, keys and cells.

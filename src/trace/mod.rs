@@ -8,11 +8,14 @@
 //! samples: neighbours in the picture are stratified together, which is what a filter over neighbours wants
 //! (`kernels/shared/random.h`).
 
+mod daylight;
 mod emitters;
 mod fleet;
 mod kernels;
 mod light_cache;
 mod moving;
+mod moving_instances;
+mod moving_materials;
 pub mod numbers;
 pub mod probe;
 mod rebuild;
@@ -24,6 +27,7 @@ mod traversal;
 pub mod warm;
 mod worker;
 
+pub use daylight::{MovingSky, SkyState};
 pub use fleet::{Fleet, Opener, Round, State, Tried};
 pub use moving::{MovingScene, SceneState};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData, tree_bytes};

@@ -21,29 +21,36 @@
 //! (`MOVING_LONGEST`): carried to where other parts of the surface are, it made the squared error of a
 //! turning box several times that of a single frame. Where it has left its plane by more than the tolerance
 //! it begins anew. The cache of light forgets five times as fast. More than eight lights are chosen among by
-//! a tree, into which one that is dark at first never comes. Not done: moving parts that
-//! share one tree (each has its own copy in the world), and deformation on the device.
+//! a tree, into which one that is dark at first never comes. What keeps its form and has many triangles is an instance of
+//! a shape instead (`src/scene/instanced.rs`): a matrix and a door in the top, nothing else, are made anew. Not done:
+//! deformation on the device.
 
 use std::sync::{Arc, OnceLock};
 
-use glam::{DVec3, Vec3};
+use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::emitters::MovingEmitters;
+use super::moving_instances::MovingInstances;
+use super::moving_materials::MovingMaterials;
 use super::rebuild::Rebuild;
 use super::scene_buffers::{pack_lights, pack_material_of, pack_triangle};
 use crate::bvh::compact::compact_nodes;
 use crate::bvh::parted::solid;
 use crate::bvh::wide::LeafSlot;
-use crate::bvh::{Parted, WideBvh};
+use crate::bvh::{Parted, Trees};
 use crate::layout::{self, pack_normal};
 use crate::scene::animation::{Instant, Motion};
-use crate::scene::{Light, Scene, emitters};
+use crate::scene::{Instanced, Light, Scene, emitters};
 
 /// A scene's moving parts at an instant that goes on.
 #[derive(Debug)]
 pub struct MovingScene {
     motion: Arc<Motion>,
+    /// Where the nodes beyond the skeleton's are, or were last, and whether what hangs on them is shown.
+    given: Vec<(DMat4, bool)>,
+    /// Nothing is shown at all that moves.
+    rests: bool,
     anchor: DVec3,
     parted: Parted,
     /// Triangles of each part in terms of its own vertices.
@@ -60,6 +67,8 @@ pub struct MovingScene {
     lights: Vec<Light>,
     order: Vec<usize>,
     emitters: Option<MovingEmitters>,
+    instances: Option<MovingInstances>,
+    materials: Option<MovingMaterials>,
     lit: Option<Lit>,
     /// How wide triangles are at least that motion has flattened, in metres.
     width: f32,
@@ -79,6 +88,8 @@ pub struct MovingScene {
 pub struct SceneState {
     /// Tells one from the next, from 1 on.
     pub serial: u64,
+    /// Nothing of it moves or is shown.
+    pub(super) rests: bool,
     /// The tree's first nodes.
     pub(super) top: Vec<layout::WideNode>,
     /// Its nodes from a place on.
@@ -96,6 +107,10 @@ pub struct SceneState {
     /// All emitters and the tree over them, where some move.
     pub(super) emitters: Vec<layout::Emitter>,
     pub(super) light_nodes: Vec<layout::LightNode>,
+    /// All materials, where some change.
+    pub(super) materials: Vec<layout::Material>,
+    /// Moving instances from a place on.
+    pub(super) instances: (usize, Vec<layout::Instance>),
     /// The box around all that is lit, where there are unlit surfaces too.
     pub(super) lit: Option<[Vec3; 2]>,
 }
@@ -109,14 +124,16 @@ struct Lit {
 }
 
 impl MovingScene {
-    /// The moving parts of a scene, where it has any, whose trees are `parted` and together `bvh`.
-    pub fn new(scene: &Scene, bvh: &WideBvh, parted: &Parted) -> Option<Self> {
+    /// The moving parts of a scene, where it has any, whose trees are `parted` and with all others `trees`.
+    pub fn new(scene: &Scene, trees: Trees, parted: &Parted) -> Option<Self> {
         let (motion, mesh) = (scene.motion.as_ref()?, &scene.mesh);
         let (first_vertex, first_triangle) = (motion.first_vertex(mesh), motion.first_triangle(mesh));
         let relative = |triangle: &[u32; 3]| triangle.map(|vertex| vertex - first_vertex as u32);
         let size = scene.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
         let tangents = if mesh.tangents.is_empty() { &[][..] } else { &mesh.tangents[first_vertex..] };
         Some(MovingScene {
+            given: motion.given.iter().map(|&place| (place, false)).collect(),
+            rests: false,
             anchor: scene.anchor,
             parted: parted.clone(),
             own: motion.own_triangles(mesh),
@@ -128,7 +145,9 @@ impl MovingScene {
             tangents: tangents.iter().map(|tangent| tangent.to_array()).collect(),
             lights: scene.lights.clone(),
             order: super::emitters::lights_in_order(scene),
-            emitters: MovingEmitters::of(scene, motion, bvh),
+            emitters: MovingEmitters::of(scene, motion, trees.world),
+            instances: MovingInstances::of(scene, trees),
+            materials: MovingMaterials::of(scene, motion),
             lit: Lit::of(scene, first_triangle),
             width: size * 1e-6,
             serial: 0,
@@ -152,9 +171,41 @@ impl MovingScene {
         self.rebuilt
     }
 
+    /// Puts what hangs on the nodes beyond the skeleton's where it is given, from the next instant on; what is nowhere, or
+    /// not at a finite place, is not shown.
+    pub fn give(&mut self, places: &[Option<DMat4>]) {
+        for (own, place) in self.given.iter_mut().zip(places) {
+            let place = place.filter(|place| place.is_finite());
+            *own = (place.unwrap_or(own.0), place.is_some());
+        }
+    }
+
+    /// Whether the next instant is as the last one was, at whatever time: nothing moves by itself, and nothing is given a
+    /// place.
+    pub fn rests(&self) -> bool {
+        self.rests && self.is_empty()
+    }
+
+    fn is_empty(&self) -> bool {
+        let motion = &self.motion;
+        let by_itself = motion.parts.len() - motion.given.len() + motion.rigid.len();
+        by_itself + motion.lights.len() + motion.materials.len() == 0 && !self.given.iter().any(|own| own.1)
+    }
+
     /// Everything at a time, in seconds since the animations began.
     pub fn at(&mut self, time: f64) -> SceneState {
-        self.take(&self.motion.at(time, self.anchor, &self.own));
+        let given: Vec<DMat4> = self.given.iter().map(|own| own.0).collect();
+        let first_given = self.motion.parts.len() - given.len();
+        for (index, (_, shown)) in self.given.iter().enumerate() {
+            self.parted.hide(first_given + index, !shown);
+        }
+        self.rests = self.is_empty();
+        let instant = self.motion.with(time, self.anchor, &self.own, &given);
+        self.take(&instant);
+        let materials = self.materials.as_mut().map(|materials| materials.at(&self.motion, &instant.pose));
+        if let Some(instances) = &self.instances {
+            self.parted.place(instances.doors());
+        }
         let (positions, triangles) = (&self.positions, &self.triangles);
         let (first_triangle, width) = (self.first_triangle as u32, self.width);
         let corners = |triangle: u32| {
@@ -182,6 +233,7 @@ impl MovingScene {
         };
         SceneState {
             serial: self.serial,
+            rests: self.rests,
             top: self.parted.top_nodes(),
             nodes: (first_node, parts.iter().flat_map(|part| &part.nodes).copied().collect()),
             compact: OnceLock::new(),
@@ -199,7 +251,9 @@ impl MovingScene {
             },
             emitters,
             light_nodes,
-            lit: self.lit.as_ref().and_then(|lit| lit.bounds(corners)),
+            materials: materials.unwrap_or_default(),
+            instances: self.instances.as_ref().map(MovingInstances::records).unwrap_or_default(),
+            lit: self.lit.as_ref().and_then(|lit| lit.bounds(corners, self.instances.as_ref())),
         }
     }
 
@@ -225,6 +279,9 @@ impl MovingScene {
             let all = self.tangents.get_mut(range).into_iter().flatten();
             all.zip(&vertices.tangents).for_each(|(to, tangent)| *to = tangent.to_array());
         }
+        if let Some(instances) = &mut self.instances {
+            instances.take(&instant.rigid);
+        }
         instant.apply_lights(&self.motion, &mut self.lights);
     }
 }
@@ -244,17 +301,25 @@ impl Lit {
         let is_lit = |triangle: &usize| !scene.materials[mesh.materials[*triangle] as usize].unlit;
         let still = (0..first_triangle).filter(is_lit);
         let corners = still.flat_map(|triangle| mesh.triangles[triangle]).map(|v| mesh.positions[v as usize]);
-        let instances =
-            scene.instanced.iter().flat_map(|instanced| instanced.boxes()).map(|(low, high)| [low, high]);
+        let resting = |instanced: &std::sync::Arc<Instanced>| {
+            let count = scene.motion.as_ref().map_or(usize::MAX, |motion| motion.first_instance(instanced));
+            instanced.boxes().into_iter().take(count)
+        };
+        let instances = scene.instanced.iter().flat_map(resting);
         Some(Lit {
-            still: corners.map(|p| [p, p]).chain(instances).reduce(both),
+            still: corners.map(|p| [p, p]).chain(instances.map(|(low, high)| [low, high])).reduce(both),
             moving: (first_triangle..mesh.triangles.len()).filter(is_lit).map(|t| t as u32).collect(),
         })
     }
 
-    fn bounds(&self, corners: impl Fn(u32) -> [Vec3; 3]) -> Option<[Vec3; 2]> {
+    fn bounds(
+        &self,
+        corners: impl Fn(u32) -> [Vec3; 3],
+        instances: Option<&MovingInstances>,
+    ) -> Option<[Vec3; 2]> {
         let moving = self.moving.iter().flat_map(|&triangle| corners(triangle)).map(|p| [p, p]);
-        moving.chain(self.still).reduce(both)
+        let instances = instances.into_iter().flat_map(MovingInstances::boxes);
+        moving.chain(instances).chain(self.still).reduce(both)
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, channel};
 
 use glam::Vec3;
 
-use crate::bvh::parted::PartTree;
+use crate::bvh::part_tree::PartTree;
 use crate::bvh::{Parted, WideBvh};
 
 /// A part gets a new tree where rays visit so many times as much as when its tree was built.

@@ -3,6 +3,7 @@
 mod count;
 mod instances;
 mod instant;
+mod light;
 mod pack;
 
 use std::sync::OnceLock;
@@ -18,13 +19,13 @@ use crate::scene::importance::DirectionTable;
 use crate::scene::{Environment, Features, Mesh, Scene};
 
 pub use count::tree_bytes;
+pub(super) use instances::{instance_records, place_record};
 
 use super::emitters::{PackedEmitters, lights_in_order};
-use pack::{
-    cache_info, pack_color, pack_directions, pack_environment, pack_materials, pack_texels, pack_textures,
-    pack_triangles, shading, srgb_codes,
+use pack::{cache_info, pack_color, pack_texels, pack_textures, pack_triangles, shading, srgb_codes};
+pub(super) use pack::{
+    pack_directions, pack_environment, pack_lights, pack_material_of, pack_materials, pack_triangle, repaint,
 };
-pub(super) use pack::{pack_lights, pack_material_of, pack_triangle};
 
 /// A scene packed for upload, once for all devices. What no feature requires does not exist.
 #[derive(Debug)]
@@ -129,6 +130,11 @@ impl SceneData {
         Ok(data)
     }
 
+    /// Prepares the cache of light for light from infinitely far that becomes as bright as this.
+    pub fn expect_light(&mut self, scene: &Scene, brightest: &Environment) {
+        self.cache = cache_info(scene, brightest);
+    }
+
     /// Packs all but what there is of each node, triangle, vertex or texel, which is empty where it is needed.
     fn pack_around_mesh(scene: &Scene, trees: Trees, environment: &Environment) -> Result<Self> {
         let bvh = trees.world;
@@ -150,8 +156,7 @@ impl SceneData {
         let uv = |slot: usize| (features.textures && has(&|mesh| !mesh.uvs[slot].is_empty())).then(Vec::new);
         let has_tangents =
             (features.normal_maps || features.layers) && has(&|mesh| !mesh.tangents.is_empty());
-        let instances =
-            scene.instanced.as_ref().map(|shared| instances::records(shared, trees)).transpose()?;
+        let instances = scene.instanced.as_ref().map(|shared| instance_records(shared, trees)).transpose()?;
         Ok(SceneData {
             depth: trees.depth(),
             anchor: scene.anchor,

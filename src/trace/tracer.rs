@@ -5,6 +5,8 @@ mod launch;
 mod pattern;
 mod programs;
 
+use std::sync::Arc;
+
 use crate::bvh::Trees;
 use crate::error::Result;
 use crate::foveation::Pattern;
@@ -19,7 +21,7 @@ use super::kernels::{
     TraceSamples,
 };
 use super::light_cache::LightCache;
-use super::{SceneBuffers, SceneData, SceneState, Traversal, Traversals};
+use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
 pub(super) use pattern::BLOCKS_PER_TILE;
 use pattern::ROWS_PER_TILE;
@@ -70,6 +72,8 @@ pub struct Tracer {
     anchor: glam::DVec3,
     /// The instant that the scene shows; 0 as it was packed.
     serial: u64,
+    /// The light from infinitely far that it shows; none as it was packed.
+    sky: Option<Arc<SkyState>>,
     trace_pixels: TracePixels,
     trace_samples: TraceSamples,
     describe_pixels: DescribePixels,
@@ -150,6 +154,7 @@ impl Tracer {
             traversals: programs.traversals,
             anchor: data.anchor,
             serial: 0,
+            sky: None,
             trace_pixels: TracePixels::of(program)?,
             trace_samples: TraceSamples::of(program)?,
             describe_pixels: DescribePixels::of(program)?,
@@ -224,8 +229,25 @@ impl Tracer {
     pub fn move_to(&mut self, state: &SceneState) -> Result<()> {
         if self.serial != state.serial {
             self.scene.move_to(state)?;
-            self.light.follow_motion();
+            if !state.rests {
+                self.light.follow_motion();
+            }
             self.serial = state.serial;
+        }
+        Ok(())
+    }
+
+    /// Brings light from infinitely far to an instant, where it is not there yet.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub fn light_by(&mut self, sky: &Arc<SkyState>) -> Result<()> {
+        let known = self.sky.as_ref();
+        if known.is_none_or(|known| known.serial != sky.serial) {
+            let again = known.is_some_and(|known| Arc::ptr_eq(&known.map, &sky.map));
+            self.scene.light_by(&self.device, sky, again)?;
+            self.light.follow_sky(sky.half_life);
+            self.sky = Some(sky.clone());
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{SceneData, SceneState, Settings, TracePattern, Tracer, Traversals};
+use super::{SceneData, SceneState, Settings, SkyState, TracePattern, Tracer, Traversals};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
@@ -28,6 +28,8 @@ pub struct Job {
     pub light: u64,
     /// Where what moves is, in scenes in which something does.
     pub state: Option<Arc<SceneState>>,
+    /// Light from infinitely far, where that changes.
+    pub sky: Option<Arc<SkyState>>,
     /// Where its samples are.
     pub pattern: Arc<Pattern>,
     /// The pattern's tiles and samples, as parts are cut from them.
@@ -162,6 +164,9 @@ impl Worker for DeviceWorker {
     fn trace(&mut self, job: &Job, part: &Part) -> Result<PartResult> {
         if let Some(state) = &job.state {
             self.tracer.move_to(state)?;
+        }
+        if let Some(sky) = &job.sky {
+            self.tracer.light_by(sky)?;
         }
         self.prepare(job)?;
         let Some(own) = &self.views[job.index] else { return Ok(PartResult::default()) };

@@ -56,6 +56,49 @@ fn animations_play_in_frames_at_their_speed() {
     assert!(fast.1.iter().all(|&ms| ms > 0.0) && still.1.iter().all(|&ms| ms == 0.0), "{fast:?} {still:?}");
 }
 
+/// The world at rest, under a sun that moves.
+#[test]
+fn the_sun_goes_on_in_frames_and_stands_in_pictures() {
+    let folder = moving();
+    let rest = "--animation none --set environment.day_length=60";
+    let picture = |flags: &str| {
+        foveate(folder.path(), &format!("render scene.glb --out a.png {VIEW} {flags}")).succeeds();
+        png(folder.path().join("a.png"))
+    };
+    let noon = picture(rest);
+    assert!(changed(&noon, &picture("--animation none")) == 0, "a day begins where the sun is said to be");
+    let (later, night) = (picture(&format!("{rest} --time 12")), picture(&format!("{rest} --time 30")));
+    assert!(changed(&noon, &later) > 100 && changed(&noon, &night) > 1000);
+    let frames = |flags: &str| {
+        let mock = format!(
+            "mock scene.glb --still --gaze 0.5,0.5 --frames 3 --out m {VIEW} --set view.stereo=mono {flags}"
+        );
+        foveate(folder.path(), &mock).succeeds();
+        [0, 1, 2].map(|index: usize| png(folder.path().join(format!("m/frame_000{index}.png"))))
+    };
+    // Three frames at 90 Hz, in which the sun goes where it has been found in a picture.
+    let [first, _, last] = frames(&format!("{rest} --speed 540"));
+    assert!(changed(&first, &last) > 100 && changed(&last, &later) < changed(&last, &noon) / 2);
+    let [first, _, last] = frames(&format!("{rest} --speed 0"));
+    assert!(changed(&first, &last) < 60);
+}
+
+#[test]
+fn wrong_days_are_told() {
+    let folder = moving();
+    for (flags, part) in [
+        ("environment.day_length=-1", "-1 is no length of a day; give 1 to 1000000000 seconds"),
+        ("environment.day_length=0.5", "or 0 for a sun that stands still"),
+        ("environment.day_length=nan", "environment.day_length"),
+        ("environment.day_length=60 --environment a.hdr", "the light of a map stands still"),
+    ] {
+        let sentence =
+            foveate(folder.path(), &format!("render scene.glb --out a.png --set {flags}")).sentence();
+        assert!(sentence.contains(part), "{flags}: {sentence}");
+    }
+    assert_eq!(names(folder.path()), ["scene.glb"]);
+}
+
 #[test]
 fn wrong_times_speeds_and_names_are_told() {
     let folder = moving();

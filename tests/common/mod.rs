@@ -4,6 +4,7 @@
 
 pub mod builder;
 pub mod moving;
+pub mod painted;
 pub mod validation;
 
 use std::path::PathBuf;

@@ -150,6 +150,25 @@ pub fn world(has_lamp: bool) -> Builder {
     builder
 }
 
+/// That world with a mirror image of the box that slides, and vanishes after 1.6 s.
+pub fn world_of_two(has_lamp: bool) -> Builder {
+    let mut builder = world(has_lamp);
+    let nodes = builder.json["nodes"].as_array().unwrap();
+    let turning = nodes.iter().position(|node| node["translation"] == json!([3.0, 1.0, 0.0])).unwrap();
+    let box_mesh = builder.json["nodes"][turning]["mesh"].clone();
+    let mirrored = builder.push("nodes", json!({ "mesh": box_mesh, "rotation": [0.2, 0.1, 0.0, 0.97468] }));
+    builder.show(mirrored);
+    let slides = builder.floats(&[[-2.5, 1.5, 1.0], [-3.5, 2.5, 1.5], [-3.0, 1.0, 1.0]]);
+    let times = builder.floats(&[[0.0], [1.0], [2.0]]);
+    animate(&mut builder, mirrored, "translation", times, slides);
+    let (times, sizes) = (
+        builder.floats(&[[0.0], [1.6], [1.7], [2.0]]),
+        builder.floats(&[[-0.7, 0.8, 0.6], [-0.7, 0.8, 0.6], [0.0; 3], [0.0; 3]]),
+    );
+    animate(&mut builder, mirrored, "scale", times, sizes);
+    builder
+}
+
 /// Adds a channel to the first animation.
 fn animate(builder: &mut Builder, node: usize, path: &str, input: usize, output: usize) {
     let animation = &mut builder.json["animations"][0];

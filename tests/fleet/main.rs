@@ -2,9 +2,12 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod day;
 mod hands;
 mod moving;
+mod painted;
 mod slow;
+mod worn;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -48,6 +51,34 @@ fn halves(info: &DeviceInfo) -> Option<Vec<Device>> {
             println!("not run: {error}");
             None
         }
+    }
+}
+
+/// Five frames that one device has traced are those that its halves have, to the bit, and change. `show` brings a renderer
+/// to a frame.
+fn are_the_same_on_two_devices(
+    loaded: &Loaded,
+    config: &Config,
+    plan: &Plan,
+    show: impl Fn(&mut Renderer, u32),
+) {
+    let Some((info, context)) = machine() else { return };
+    let Some(parts) = halves(&info) else { return };
+    let pictures = |devices: &[Device]| {
+        let made = Renderer::with_devices(devices, &context, loaded, config, Output::Display);
+        let mut renderer = made.unwrap().0;
+        let frames = (0..5u32).map(|frame| {
+            show(&mut renderer, frame);
+            let report = renderer.frame(plan, &[], frame).unwrap();
+            assert!(report.devices.iter().all(|device| device.samples > 0));
+            renderer.picture().unwrap()
+        });
+        frames.collect::<Vec<_>>()
+    };
+    let (one, two) = (pictures(&[Device::open(&info).unwrap()]), pictures(&parts));
+    assert!(one[1] != one[4], "nothing has moved");
+    for (frame, (one, two)) in one.iter().zip(&two).enumerate() {
+        assert!(one == two, "frame {frame} differs");
     }
 }
 

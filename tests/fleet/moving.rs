@@ -9,11 +9,12 @@ use foveate::gpu::opencl::Device;
 use foveate::gpu::vulkan::Context;
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
+use foveate::scene::Instancing;
 use foveate::trace::MovingScene;
 use glam::DVec3;
 
-use crate::common::moving::world;
-use crate::{HEIGHT, WIDTH, config, halves, machine};
+use crate::common::moving::{world, world_of_two};
+use crate::{HEIGHT, WIDTH, are_the_same_on_two_devices, config, machine};
 
 fn plan() -> Plan {
     let world_from_eye = Pose::look_at(DVec3::new(1.5, 5.0, 13.0), DVec3::new(1.5, 2.0, 0.0));
@@ -59,16 +60,30 @@ fn still(path: &Path, device: &Device, context: &Context, config: &Config) -> Re
 
 #[test]
 fn a_frame_shows_what_a_fresh_picture_of_its_instant_shows() {
+    shows_its_instants(Instancing::Flat);
+}
+
+/// What moves as a whole, kept as a shape and placed by matrices.
+#[test]
+fn a_frame_of_moving_instances_shows_what_a_fresh_picture_shows() {
+    shows_its_instants(Instancing::Shared);
+}
+
+fn shows_its_instants(instancing: Instancing) {
     let Some((info, context)) = machine() else { return };
     let device = Device::open(&info).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let path = world(false).write_glb(folder.path());
+    let path = world_of_two(false).write_glb(folder.path());
     // What a cache has kept of earlier frames is meant to differ.
     let settings = |time| {
         let mut config = settings(time);
-        config.trace.indirect = Indirect::Paths;
+        (config.trace.indirect, config.scene.instancing) = (Indirect::Paths, instancing);
         config
     };
+    let scene = Loaded::moving_from_file(&path, &settings(0.3)).unwrap().scene;
+    let motion = scene.motion.unwrap();
+    let instances = if instancing == Instancing::Shared { 2 } else { 0 };
+    assert_eq!((motion.parts.len(), motion.rigid.len()), (3 - instances, instances));
     let mut renderer = moving(&path, &device, &context, &settings(0.3));
     let mut before: Vec<f32> = Vec::new();
     // Times since the beginning, which was at 0.3 s.
@@ -109,30 +124,17 @@ fn lamps_that_move_light_what_they_come_to() {
 
 #[test]
 fn pictures_of_what_moves_do_not_depend_on_how_they_are_split() {
-    let Some((info, context)) = machine() else { return };
-    let Some(parts) = halves(&info) else { return };
-    let whole = Device::open(&info).unwrap();
+    [Instancing::Flat, Instancing::Shared].into_iter().for_each(is_the_same_on_two_devices);
+}
+
+fn is_the_same_on_two_devices(instancing: Instancing) {
     let folder = tempfile::tempdir().unwrap();
-    let path = world(true).write_glb(folder.path());
+    let path = world_of_two(true).write_glb(folder.path());
     let mut config = settings(0.0);
-    config.time.reuse = true;
+    (config.time.reuse, config.scene.instancing) = (true, instancing);
     let loaded = Loaded::moving_from_file(&path, &config).unwrap();
-    let devices = |devices: &[Device]| {
-        let made = Renderer::with_devices(devices, &context, &loaded, &config, Output::Display);
-        let mut renderer = made.unwrap().0;
-        let frames = (0..5u32).map(|frame| {
-            renderer.show_at(f64::from(frame) * 0.2);
-            let report = renderer.frame(&plan(), &[], frame).unwrap();
-            assert!(report.devices.iter().all(|device| device.samples > 0));
-            renderer.picture().unwrap()
-        });
-        frames.collect::<Vec<_>>()
-    };
-    let (one, two) = (devices(std::slice::from_ref(&whole)), devices(&parts));
-    assert!(one[0] != one[4], "nothing has moved");
-    for (frame, (one, two)) in one.iter().zip(&two).enumerate() {
-        assert!(one == two, "frame {frame} differs");
-    }
+    let show = |renderer: &mut Renderer, frame| renderer.show_at(f64::from(frame) * 0.2);
+    are_the_same_on_two_devices(&loaded, &config, &plan(), show);
 }
 
 /// New trees are taken while frames go on, and show what the old ones did.
@@ -145,7 +147,7 @@ fn parts_whose_trees_are_built_anew_stay_where_they_are() {
     let mut config = settings(0.3);
     config.trace.indirect = Indirect::Paths;
     let loaded = Loaded::moving_from_file(&path, &config).unwrap();
-    let mut scene = MovingScene::new(&loaded.scene, &loaded.bvh, loaded.parted.as_ref().unwrap()).unwrap();
+    let mut scene = MovingScene::new(&loaded.scene, loaded.trees(), loaded.parted.as_ref().unwrap()).unwrap();
     let mut renderer = Renderer::new(&device, &context, &loaded, &config, Output::Radiance).unwrap().0;
     assert!(!scene.is_rebuilt());
     for step in 0..130 {
@@ -177,7 +179,7 @@ fn reuse_over_time_does_no_harm_to_what_moves() {
     let Some((info, context)) = machine() else { return };
     let device = Device::open(&info).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let path = world(true).write_glb(folder.path());
+    let path = world_of_two(true).write_glb(folder.path());
     const FRAMES: u32 = 12;
     const PERIOD: f64 = 1.0 / 30.0;
     let end = f64::from(FRAMES - 1) * PERIOD;

@@ -106,6 +106,8 @@ fn shown(
         visibility: Some((&visibility).into()),
         sun: light().sun,
         least_expected: LEAST,
+        light_holds: f32::INFINITY,
+        light_changes: false,
         exposure: 0.0,
         other: None,
         overlay: Default::default(),

@@ -37,6 +37,8 @@ fn picture(
         visibility: None,
         sun: None,
         least_expected: 0.01,
+        light_holds: f32::INFINITY,
+        light_changes: false,
         overlay: Default::default(),
         shown_from: from,
         other: None,

@@ -12,8 +12,9 @@ use crate::gpu::interop::{self, Sharing};
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::Context;
 use crate::reconstruct::{self, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
-use crate::scene::Environment;
-use crate::trace::{self, Fleet, MovingScene, SceneData};
+use crate::scene::Features;
+use crate::scene::sky::day::Day;
+use crate::trace::{self, Fleet, MovingScene, MovingSky, SceneData};
 use crate::waiting::{self, Limits};
 
 impl Renderer {
@@ -101,14 +102,17 @@ impl Renderer {
             fixed_stops: config.view.exposure.fixed() as f32,
             meter: Meter::new(&config.view, output),
             sun: loaded.environment.sun,
-            least_expected: least_expected(&loaded.environment),
+            least_expected: loaded.environment.least_expected(),
             output,
             light: 0,
             light_steps: 1,
             moving: (loaded.parted.as_ref())
-                .and_then(|parted| MovingScene::new(&loaded.scene, &loaded.bvh, parted)),
+                .and_then(|parted| MovingScene::new(&loaded.scene, loaded.trees(), parted)),
             speed: config.scene.speed,
+            start: config.scene.time,
             state: None,
+            day: loaded.day.map(|cycle| MovingSky::new(cycle, glossy(loaded))),
+            sky: None,
             motion_ms: 0.0,
             views: Vec::new(),
             image: None,
@@ -116,6 +120,11 @@ impl Renderer {
         renderer.show_at(0.0);
         Ok((renderer, shaders_step))
     }
+}
+
+/// Whether some surface mirrors the sky.
+fn glossy(loaded: &Loaded) -> bool {
+    Features::required_by(&loaded.scene, &loaded.environment).glossy
 }
 
 /// How samples cross; copies where the drivers do not answer.
@@ -130,6 +139,9 @@ fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> 
     let environment = fitting_environment(&loaded.environment, devices);
     let mut data = SceneData::pack(&loaded.scene, loaded.trees(), &environment)?;
     data.depth = loaded.depth();
+    if let Some(cycle) = loaded.day {
+        data.expect_light(&loaded.scene, &Day::new(cycle, false).brightest());
+    }
     let data = Arc::new(data);
     let walking = |device: &Device| {
         let choice = config.trace.traversal.on(device);
@@ -140,12 +152,6 @@ fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> 
         (device.clone(), traversals)
     };
     Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
-}
-
-/// A fiftieth of the map's mean radiance.
-fn least_expected(map: &Environment) -> f32 {
-    let sum: f64 = map.texels.iter().map(|texel| f64::from(texel.element_sum())).sum();
-    ((sum / (150 * map.texels.len().max(1)) as f64) as f32).clamp(1e-6, 1e6)
 }
 
 pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {

@@ -2,12 +2,14 @@
 
 use std::time::Instant;
 
-use glam::DVec2;
+use glam::{DQuat, DVec2, DVec3};
 
 use super::{Files, PictureSink, Profile, Script};
 use crate::error::Result;
 use crate::gpu::vulkan::{Context, Format, Image};
+use crate::headset::locomotion::Hands;
 use crate::headset::{Canvas, Deadline, EyeView, Frame, Gaze, Headset, Input, Next, Outcome};
+use crate::math::pose::Pose;
 use crate::math::view::View;
 
 /// A headset that is not there. Its clock stands still while a frame is made, so that runs repeat.
@@ -23,7 +25,13 @@ pub struct MockHeadset {
     begun: u32,
     image: Image,
     sink: Option<PictureSink>,
+    /// The wearer holds controllers.
+    hands: bool,
 }
+
+/// Where controllers are from the head, to either side, and how far they point down, in radians.
+const HELD: DVec3 = DVec3::new(0.16, -0.22, -0.42);
+const POINTING: f64 = -0.5;
 
 impl MockHeadset {
     /// A headset whose head and eyes follow a script, which takes `seconds`; of one eye where it is `mono`. It shows
@@ -40,12 +48,38 @@ impl MockHeadset {
     ) -> Result<MockHeadset> {
         let (width, height) = (profile.eye_width * if mono { 1 } else { 2 }, profile.eye_height);
         let image = Image::new(context, Format::R8G8B8A8_UNORM, width, height)?;
-        Ok(MockHeadset { profile, mono, script, seconds, frames: 0, begun: 0, image, sink: None })
+        Ok(MockHeadset {
+            profile,
+            mono,
+            script,
+            seconds,
+            frames: 0,
+            begun: 0,
+            image,
+            sink: None,
+            hands: false,
+        })
     }
 
     /// Has so many frames made along the script, whose pictures go to a sink.
     pub fn show(&mut self, frames: u32, sink: PictureSink) {
         (self.frames, self.sink) = (frames, Some(sink));
+    }
+
+    /// The wearer holds a controller in each hand from now on, before the head.
+    pub fn hold_controllers(&mut self) {
+        self.hands = true;
+    }
+
+    /// What hands hold at a time in seconds.
+    fn hands(&self, time: f64) -> Hands {
+        let head = self.script.head_at(time);
+        let grip = |side: f64| {
+            let place = HELD * DVec3::new(side, 1.0, 1.0);
+            head.then(Pose::new(DQuat::from_rotation_x(POINTING), place))
+        };
+        let grips = if self.hands { [-1.0, 1.0].map(|side| Some(grip(side))) } else { [None; 2] };
+        Hands { grips, ..Hands::default() }
     }
 
     /// Pixels across and down of the whole picture.
@@ -121,7 +155,8 @@ impl Headset for MockHeadset {
         let point = self.script.gaze_at(self.time());
         let size = DVec2::new(f64::from(view.width), f64::from(view.height));
         let direction = (view.world_from_eye.rotation * view.eye_direction(point * size)).normalize();
-        Ok(Input { gaze: Some(Gaze { time, direction, valid: true }), ..Input::default() })
+        let hands = self.hands(self.time());
+        Ok(Input { hands, gaze: Some(Gaze { time, direction, valid: true }), ..Input::default() })
     }
 
     fn acquire(&mut self) -> Outcome<Option<Vec<Canvas>>> {

@@ -3,10 +3,11 @@
 use glam::DVec2;
 use openxr as xr;
 
-use super::bindings::{CONTROLLERS, is_enabled, mirrored};
+use super::bindings::{CONTROLLERS, GRIPS, is_enabled, mirrored};
 use super::convert;
 use super::fault::{Called, Outcome};
 use crate::headset::locomotion::Hands;
+use crate::math::pose::Pose;
 
 /// The actions of a session.
 pub struct Actions {
@@ -17,8 +18,15 @@ pub struct Actions {
     recentre: xr::Action<bool>,
     height: xr::Action<bool>,
     menu: xr::Action<bool>,
-    aim: xr::Action<xr::Posef>,
-    aim_space: xr::Space,
+    aim: Place,
+    /// Of the left and the right hand.
+    grips: [Place; 2],
+}
+
+/// Where a hand is.
+struct Place {
+    action: xr::Action<xr::Posef>,
+    space: xr::Space,
 }
 
 /// A stick, or a trackpad that counts while it is pressed.
@@ -45,9 +53,13 @@ impl Actions {
         let stick = |name, label| set.create_action(name, label, &[]).called("xrCreateAction");
         let go = Stick { push: stick("go", "Go")?, press: button("press_go", "Press to go")? };
         let turn = Stick { push: stick("turn", "Turn")?, press: button("press_turn", "Press to turn")? };
-        let aim = set.create_action("aim", "Point", &[]).called("xrCreateAction")?;
-        let aim_space =
-            aim.create_space(session, xr::Path::NULL, xr::Posef::IDENTITY).called("xrCreateActionSpace")?;
+        let place = |name, label| -> Outcome<Place> {
+            let action = set.create_action(name, label, &[]).called("xrCreateAction")?;
+            let space = action.create_space(session, xr::Path::NULL, xr::Posef::IDENTITY);
+            Ok(Place { action, space: space.called("xrCreateActionSpace")? })
+        };
+        let aim = place("aim", "Point")?;
+        let grips = [place("left_grip", "Left hand")?, place("right_grip", "Right hand")?];
         let actions = Actions {
             go,
             turn,
@@ -56,7 +68,7 @@ impl Actions {
             height: button("height", "Reset the height of the eyes")?,
             menu: button("menu", "Menu")?,
             aim,
-            aim_space,
+            grips,
             set,
         };
         actions.suggest(instance, left_handed);
@@ -77,12 +89,14 @@ impl Actions {
                 path(at.press_go).map(|path| xr::Binding::new(&self.go.press, path)),
                 path(at.press_turn).map(|path| xr::Binding::new(&self.turn.press, path)),
                 path(at.teleport).map(|path| xr::Binding::new(&self.teleport, path)),
-                path(at.aim).map(|path| xr::Binding::new(&self.aim, path)),
+                path(at.aim).map(|path| xr::Binding::new(&self.aim.action, path)),
             ];
             let more = [
                 path(at.recentre).map(|path| xr::Binding::new(&self.recentre, path)),
                 path(at.height).map(|path| xr::Binding::new(&self.height, path)),
                 fixed(at.menu).map(|path| xr::Binding::new(&self.menu, path)),
+                fixed(GRIPS[0]).map(|path| xr::Binding::new(&self.grips[0].action, path)),
+                fixed(GRIPS[1]).map(|path| xr::Binding::new(&self.grips[1].action, path)),
             ];
             let Ok(profile) = instance.string_to_path(&format!("/interaction_profiles/{profile}")) else {
                 continue;
@@ -104,18 +118,17 @@ impl Actions {
 
     /// What the hands do now; nothing where there are none, or another program has them.
     pub fn hands(&self, session: &xr::Session<xr::Vulkan>, space: &xr::Space, time: xr::Time) -> Hands {
-        let teleport = pressed(&self.teleport, session);
-        let aim = || {
-            let active = self.aim.is_active(session, xr::Path::NULL).unwrap_or(false);
-            let location = active.then(|| self.aim_space.locate(space, time).ok()).flatten()?;
-            let valid = xr::SpaceLocationFlags::ORIENTATION_VALID | xr::SpaceLocationFlags::POSITION_VALID;
-            location.location_flags.contains(valid).then(|| convert::pose(&location.pose))
-        };
+        let held = self.teleport.state(session, xr::Path::NULL).ok().filter(|state| state.is_active);
+        let aiming = held.is_some_and(|state| state.current_state);
+        let teleport = held.is_some_and(|state| !state.current_state && state.changed_since_last_sync);
+        let place = |of: &Place| of.locate(session, space, time);
         Hands {
             go: self.go.pushed(session),
             turn: self.turn.pushed(session).x,
             teleport,
-            aim: if teleport { aim() } else { None },
+            aiming,
+            aim: if teleport || aiming { place(&self.aim) } else { None },
+            grips: [place(&self.grips[0]), place(&self.grips[1])],
             recentre: pressed(&self.recentre, session),
             height: pressed(&self.height, session),
         }
@@ -131,6 +144,16 @@ impl Actions {
 fn pressed(button: &xr::Action<bool>, session: &xr::Session<xr::Vulkan>) -> bool {
     let state = button.state(session, xr::Path::NULL);
     state.is_ok_and(|state| state.is_active && state.current_state && state.changed_since_last_sync)
+}
+
+impl Place {
+    /// Where it is at a time; nothing where it is not tracked.
+    fn locate(&self, session: &xr::Session<xr::Vulkan>, space: &xr::Space, time: xr::Time) -> Option<Pose> {
+        let active = self.action.is_active(session, xr::Path::NULL).unwrap_or(false);
+        let location = active.then(|| self.space.locate(space, time).ok()).flatten()?;
+        let valid = xr::SpaceLocationFlags::ORIENTATION_VALID | xr::SpaceLocationFlags::POSITION_VALID;
+        location.location_flags.contains(valid).then(|| convert::pose(&location.pose))
+    }
 }
 
 impl Stick {

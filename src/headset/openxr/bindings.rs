@@ -26,6 +26,9 @@ pub struct Bindings {
     pub menu: &'static str,
 }
 
+/// Where each hand holds its controller: on all of them.
+pub const GRIPS: [&str; 2] = ["left/input/grip/pose", "right/input/grip/pose"];
+
 /// Controllers with sticks, a button A, and a menu on the left.
 const STICKS: Bindings = Bindings {
     go: "left/input/thumbstick",

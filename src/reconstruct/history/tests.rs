@@ -107,6 +107,7 @@ fn submit(
     view: &View,
     eye: usize,
     records: &[SampleRecord],
+    light_changes: bool,
 ) -> (Vec<SampleRecord>, Vec<[f32; 8]>) {
     let context = reconstruction.context.clone();
     let samples = HostBuffer::new(&context, size_of_val(records)).unwrap();
@@ -125,6 +126,8 @@ fn submit(
         visibility: Some((&visibility).into()),
         sun: None,
         least_expected: 0.01,
+        light_holds: f32::INFINITY,
+        light_changes,
         overlay: Default::default(),
         shown_from: None,
         other: Some(eye ^ 1),
@@ -141,6 +144,10 @@ fn submit(
 
 #[test]
 fn frames_are_those_of_the_reference() {
+    [false, true].into_iter().for_each(frames_are_those_of_the_twin);
+}
+
+fn frames_are_those_of_the_twin(light_changes: bool) {
     let Some(context) = testing::context() else { return };
     let settings = Settings { mode: Mode::default(), reuse: Some(REUSE), ..Settings::default() };
     let mut reconstruction = Reconstruction::new(&context, settings).unwrap();
@@ -151,6 +158,7 @@ fn frames_are_those_of_the_reference() {
         k: settings.k as usize,
         neighbours: 12,
         longest: f64::from(REUSE.frames),
+        light_changes,
     };
     let mut kept: [Option<accumulate::Kept>; 2] = [None, None];
     let mut lent: [Option<accumulate::Kept>; 2] = [None, None];
@@ -163,7 +171,7 @@ fn frames_are_those_of_the_reference() {
             reconstruction.set_pattern(eye_index, SIZE.0, SIZE.1, &samples).unwrap();
             let fresh: Vec<_> =
                 samples.iter().enumerate().map(|(i, &s)| traced(&view, s, frame, i)).collect();
-            let (records, histories) = submit(&mut reconstruction, &view, eye_index, &fresh);
+            let (records, histories) = submit(&mut reconstruction, &view, eye_index, &fresh, light_changes);
             let twins: Vec<_> = fresh.iter().zip(&samples).map(|(r, &s)| as_reference(r, s)).collect();
             let other = lent[1 - eye_index].as_ref();
             let (expected, ages) =
@@ -226,7 +234,7 @@ fn nothing_is_found_after_a_cut() {
     for frame in 0..3 {
         let fresh: Vec<_> = samples.iter().enumerate().map(|(i, &s)| traced(&view, s, frame, i)).collect();
         reconstruction.forget();
-        let (records, _) = submit(&mut reconstruction, &view, 0, &fresh);
+        let (records, _) = submit(&mut reconstruction, &view, 0, &fresh, false);
         assert_eq!(bytemuck::cast_slice::<_, u8>(&records), bytemuck::cast_slice::<_, u8>(&fresh));
     }
 }

@@ -22,17 +22,49 @@ pub enum Property {
     Intensity,
     /// A light's linear colour.
     Color,
+    /// A material's linear base colour, with its alpha.
+    BaseColor,
+    /// A material's linear emitted colour.
+    Emissive,
+    /// What that is multiplied by.
+    EmissiveStrength,
+    /// Where a texture of a material lies, one of [`super::PLACED_TEXTURES`].
+    UvOffset(usize),
+    /// See [`Property::UvOffset`].
+    UvRotation(usize),
+    /// See [`Property::UvOffset`].
+    UvScale(usize),
 }
 
 /// A curve, and what it moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {
-    /// Index of the file's node, or of its light.
+    /// Index of the file's node, of its light or of its material.
     pub node: usize,
     /// What of it.
     pub property: Property,
     /// How.
     pub curve: Curve,
+}
+
+impl Property {
+    /// Whether it is a material's.
+    pub fn is_paint(self) -> bool {
+        use Property::*;
+        matches!(self, BaseColor | Emissive | EmissiveStrength | UvOffset(_) | UvRotation(_) | UvScale(_))
+    }
+
+    /// Numbers of a value; none where that depends on the node.
+    pub fn width(self) -> Option<usize> {
+        use Property::*;
+        match self {
+            Translation | Scale | Color | Emissive => Some(3),
+            Rotation | BaseColor => Some(4),
+            Intensity | EmissiveStrength | UvRotation(_) => Some(1),
+            UvOffset(_) | UvScale(_) => Some(2),
+            Weights => None,
+        }
+    }
 }
 
 /// An animation of a file.

@@ -74,6 +74,13 @@ impl Curve {
         out.iter_mut().take(self.width).enumerate().for_each(|(i, out)| *out = self.number(&place, i));
     }
 
+    /// The least and the greatest of its keys' values, of number `i`.
+    pub fn range(&self, i: usize) -> (f64, f64) {
+        let values = (0..self.times.len()).map(|key| self.value(key, i.min(self.width - 1)));
+        values
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+    }
+
     /// The rotation at a time, of a curve of four numbers: a unit quaternion.
     pub fn rotation(&self, time: f64) -> DQuat {
         let place = self.place(time);

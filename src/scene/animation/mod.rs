@@ -5,11 +5,15 @@
 mod clip;
 mod curve;
 mod motion;
+mod paint;
 mod part;
+mod rigid;
 mod skeleton;
 
 pub use clip::{Channel, Choice, Clip, ClipInfo, Property, choose};
 pub use curve::{Curve, Interpolation};
 pub use motion::{Instant, Motion, MovingLight, PlacedGlow};
+pub use paint::{Made, MovingMaterial, PLACED_TEXTURES, Paint, UvTransform};
 pub use part::{Geometry, Part, Skin, Target, Vertices, blended};
+pub use rigid::Rigid;
 pub use skeleton::{Glow, Local, Pose, Skeleton, orientation};

@@ -4,18 +4,27 @@ use glam::{DMat4, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::part::{Part, Vertices};
-use super::{Pose, Skeleton, orientation};
-use crate::scene::{Light, Mesh};
+use super::{MovingMaterial, Pose, Rigid, Skeleton, orientation};
+use crate::scene::instanced::Instance;
+use crate::scene::{Instanced, Light, Mesh};
 
-/// The moving parts of a scene. Their vertices and triangles are the last ones of its mesh.
+/// The moving parts of a scene. Their vertices and triangles are the last ones of its mesh, their instances the last ones of
+/// those of shapes that are kept once.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
     /// The nodes and the clips that play.
     pub skeleton: Skeleton,
     /// Moving parts in the order of the mesh.
     pub parts: Vec<Part>,
+    /// Moving instances in their order.
+    pub rigid: Vec<Rigid>,
     /// Lights that move or change.
     pub lights: Vec<MovingLight>,
+    /// Materials that change. The scene has each of them as bright as it ever gets.
+    pub materials: Vec<MovingMaterial>,
+    /// Nodes beyond the skeleton's, where they are as long as nobody gives them another place: `world_from_node`, in
+    /// metres. The last parts hang on them, one on each.
+    pub given: Vec<DMat4>,
     /// The time for which the scene was loaded, in seconds: what plays on begins there.
     pub start: f64,
 }
@@ -40,8 +49,12 @@ pub struct MovingLight {
 pub struct Instant {
     /// Vertices of each part; `None` where one is not finite: that part stays where it was.
     pub parts: Vec<Option<Vertices>>,
+    /// Where each moving instance is; `None` where that is not finite: it stays where it was.
+    pub rigid: Vec<Option<Instance>>,
     /// The moving lights, in their order; `None` where one is not finite: it stays where it was.
     pub lights: Vec<Option<PlacedGlow>>,
+    /// The pose that all of this is of.
+    pub pose: Pose,
 }
 
 impl Motion {
@@ -55,14 +68,32 @@ impl Motion {
         self.parts.first().map_or(mesh.triangles.len(), |part| part.triangles.start)
     }
 
+    /// The first part that hangs on a node beyond the skeleton's, if any does.
+    pub fn first_given(&self) -> Option<&Part> {
+        self.parts.get(self.parts.len() - self.given.len())
+    }
+
+    /// Instances before the first that moves.
+    pub fn first_instance(&self, instanced: &Instanced) -> usize {
+        instanced.instances.len() - self.rigid.len()
+    }
+
     /// Everything at a time, in seconds since the clips began to play. `triangles` are those of each part in terms of its
     /// own vertices.
     pub fn at(&self, time: f64, anchor: DVec3, triangles: &[Vec<[u32; 3]>]) -> Instant {
-        let pose = self.skeleton.pose(time);
+        self.with(time, anchor, triangles, &self.given)
+    }
+
+    /// The same with places of the nodes beyond the skeleton's.
+    pub fn with(&self, time: f64, anchor: DVec3, triangles: &[Vec<[u32; 3]>], given: &[DMat4]) -> Instant {
+        let mut pose = self.skeleton.pose(time);
+        pose.world.extend(given);
         let part = |(part, triangles): (&Part, &Vec<[u32; 3]>)| part.at(&pose, anchor, triangles);
         Instant {
             parts: self.parts.par_iter().zip(triangles).map(part).collect(),
+            rigid: self.rigid.iter().map(|rigid| rigid.at(&pose, anchor)).collect(),
             lights: self.lights.iter().map(|light| light.at(&pose, anchor)).collect(),
+            pose,
         }
     }
 

@@ -91,33 +91,30 @@ pub fn blended(joints: &[DMat4], influences: &[(u32, f64)]) -> DMat4 {
     sum.unwrap_or(DMat4::IDENTITY)
 }
 
-impl Geometry {
-    /// `world_from_mesh` of each vertex; one for all where there is no skin.
-    fn matrices(&self, pose: &Pose, node: usize, local: &DMat4) -> Vec<DMat4> {
-        let Some(skin) = &self.skin else { return vec![pose.world[node] * *local] };
-        let joints: Vec<DMat4> =
-            skin.joints.iter().zip(&skin.bind).map(|(&joint, bind)| pose.world[joint] * *bind).collect();
-        let blend = |vertex: usize| {
-            let range = skin.starts[vertex] as usize..skin.starts[vertex + 1] as usize;
-            blended(&joints, &skin.influences[range])
-        };
-        (0..self.positions.len()).into_par_iter().with_min_len(FEW).map(blend).collect()
-    }
+/// `world_from_mesh` of each vertex in a pose.
+struct Matrices<'a> {
+    /// Of each joint; of the whole where there is no skin.
+    joints: Vec<DMat4>,
+    skin: Option<&'a Skin>,
+}
 
-    /// What `take` makes of positions in the world, in metres; some may not be finite.
-    fn world<T: Send>(
-        &self,
-        pose: &Pose,
-        matrices: &[DMat4],
-        take: impl Fn(DVec3) -> T + Sync + Send,
-    ) -> Vec<T> {
-        let morphs = self.morphs(pose, |target| &target.positions);
-        let place = |(vertex, base): (usize, &Vec3)| {
-            let at =
-                morphs.iter().fold(base.as_dvec3(), |at, (deltas, w)| at + deltas[vertex].as_dvec3() * *w);
-            take(matrices[vertex.min(matrices.len() - 1)].transform_point3(at))
+impl Matrices<'_> {
+    fn of(&self, vertex: usize) -> DMat4 {
+        let Some(skin) = self.skin else { return self.joints[0] };
+        let range = skin.starts[vertex] as usize..skin.starts[vertex + 1] as usize;
+        blended(&self.joints, &skin.influences[range])
+    }
+}
+
+impl Geometry {
+    fn matrices(&self, pose: &Pose, node: usize, local: &DMat4) -> Matrices<'_> {
+        let joints = match &self.skin {
+            None => vec![pose.world[node] * *local],
+            Some(skin) => {
+                skin.joints.iter().zip(&skin.bind).map(|(&joint, bind)| pose.world[joint] * *bind).collect()
+            }
         };
-        self.positions.par_iter().enumerate().with_min_len(FEW).map(place).collect()
+        Matrices { joints, skin: self.skin.as_ref() }
     }
 
     /// The lists of one kind that are not empty, with their weights where these are not 0.
@@ -128,25 +125,18 @@ impl Geometry {
         pairs.filter(|(list, weight)| !list.is_empty() && *weight != 0.0).collect()
     }
 
-    fn morphed(&self, pose: &Pose, base: &[Vec3], list: impl Fn(&Target) -> &Vec<Vec3>) -> Vec<Vec3> {
-        let morphs = self.morphs(pose, list);
-        let sum = |(vertex, base): (usize, &Vec3)| {
-            let sum =
-                morphs.iter().fold(base.as_dvec3(), |v, (deltas, w)| v + deltas[vertex].as_dvec3() * *w);
-            sum.as_vec3()
-        };
-        base.par_iter().enumerate().with_min_len(FEW).map(sum).collect()
-    }
-
     /// Where its vertices are in the world, in metres, for a part that `node` and `local` place.
     pub fn places(&self, pose: &Pose, node: usize, local: &DMat4) -> Vec<DVec3> {
-        self.world(pose, &self.matrices(pose, node, local), |p| p)
+        let (matrices, morphs) = (self.matrices(pose, node, local), self.morphs(pose, |t| &t.positions));
+        let place = |vertex| matrices.of(vertex).transform_point3(morphed(&self.positions, &morphs, vertex));
+        (0..self.positions.len()).into_par_iter().with_min_len(FEW).map(place).collect()
     }
 
     /// Its triangles as they are wound in a pose: mirroring turns the winding (glTF 2.0, 3.7.4).
     pub fn wound(&self, pose: &Pose, node: usize, local: &DMat4) -> Vec<[u32; 3]> {
         let matrices = self.matrices(pose, node, local);
-        let turned: Vec<bool> = matrices.iter().map(|matrix| matrix.determinant() < 0.0).collect();
+        let count = if self.skin.is_some() { self.positions.len() } else { 1 };
+        let turned: Vec<bool> = (0..count).map(|vertex| matrices.of(vertex).determinant() < 0.0).collect();
         let wind = |&[a, b, c]: &[u32; 3]| match turned[(a as usize).min(turned.len() - 1)] {
             true => [a, c, b],
             false => [a, b, c],
@@ -161,36 +151,51 @@ impl Part {
     pub fn at(&self, pose: &Pose, anchor: DVec3, triangles: &[[u32; 3]]) -> Option<Vertices> {
         let geometry = &*self.geometry;
         let matrices = geometry.matrices(pose, self.node, &self.local);
-        let positions = geometry.world(pose, &matrices, |p| (p - anchor).as_vec3());
-        if !positions.par_iter().with_min_len(FEW).all(|p| p.is_finite()) {
+        let (moves, turns) = (
+            geometry.morphs(pose, |target| &target.positions),
+            geometry.morphs(pose, |target| &target.normals),
+        );
+        let place = |vertex: usize| {
+            let matrix = matrices.of(vertex);
+            let position = matrix.transform_point3(morphed(&geometry.positions, &moves, vertex));
+            let normal = (!geometry.flat).then(|| {
+                let own = morphed(&geometry.normals, &turns, vertex).as_vec3();
+                transform_normal(&DMat3::from_mat4(matrix), own)
+            });
+            ((position - anchor).as_vec3(), normal.unwrap_or_default())
+        };
+        let (mut positions, mut turned) = (Vec::new(), Vec::new());
+        let vertices = (0..geometry.positions.len()).into_par_iter().with_min_len(FEW);
+        vertices.map(place).unzip_into_vecs(&mut positions, &mut turned);
+        if !positions.iter().all(|p| p.is_finite()) {
             return None;
         }
-        let normals = if geometry.flat {
-            flat_normals(&positions, triangles)
-        } else {
-            let linear: Vec<DMat3> =
-                matrices.par_iter().with_min_len(FEW).map(|m| DMat3::from_mat4(*m)).collect();
-            let of = |vertex: usize| &linear[vertex.min(linear.len() - 1)];
-            let morphed = geometry.morphed(pose, &geometry.normals, |target| &target.normals);
-            let turn = |(vertex, normal): (usize, &Vec3)| transform_normal(of(vertex), *normal);
-            let turned: Vec<Vec3> = morphed.par_iter().enumerate().with_min_len(FEW).map(turn).collect();
-            unit_normals(&turned, &positions, triangles)
+        let normals = match geometry.flat {
+            true => flat_normals(&positions, triangles),
+            false => unit_normals(&turned, &positions, triangles),
         };
         let tangents = self.tangents(pose, &matrices, &normals);
         Some(Vertices { positions, normals, tangents })
     }
 
-    fn tangents(&self, pose: &Pose, matrices: &[DMat4], normals: &[Vec3]) -> Vec<Vec4> {
+    fn tangents(&self, pose: &Pose, matrices: &Matrices<'_>, normals: &[Vec3]) -> Vec<Vec4> {
         let geometry = &*self.geometry;
         let base: Vec<Vec3> = geometry.tangents.iter().map(|tangent| tangent.truncate()).collect();
-        let morphed = geometry.morphed(pose, &base, |target| &target.tangents);
-        let turn = |(vertex, tangent): (usize, &Vec3)| {
-            let linear = DMat3::from_mat4(matrices[vertex.min(matrices.len() - 1)]);
-            let turned = transform_tangent(&linear, tangent.extend(geometry.tangents[vertex].w));
+        let morphs = geometry.morphs(pose, |target| &target.tangents);
+        let turn = |vertex: usize| {
+            let linear = DMat3::from_mat4(matrices.of(vertex));
+            let own = morphed(&base, &morphs, vertex).as_vec3();
+            let turned = transform_tangent(&linear, own.extend(geometry.tangents[vertex].w));
             usable_tangent(turned, normals[vertex])
         };
-        morphed.par_iter().enumerate().with_min_len(FEW).map(turn).collect()
+        (0..base.len()).into_par_iter().with_min_len(FEW).map(turn).collect()
     }
+}
+
+/// A vertex's vector with what morph targets add.
+fn morphed(base: &[Vec3], morphs: &[(&Vec<Vec3>, f64)], vertex: usize) -> DVec3 {
+    let add = |sum: DVec3, (deltas, weight): &(&Vec<Vec3>, f64)| sum + deltas[vertex].as_dvec3() * *weight;
+    morphs.iter().fold(base[vertex].as_dvec3(), add)
 }
 
 /// Of triangles that share no vertex.

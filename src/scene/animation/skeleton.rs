@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
 
 use super::curve::unit;
-use super::{Clip, Property};
+use super::{Clip, Paint, Property};
 
 /// A node relative to its parent.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +56,8 @@ pub struct Pose {
     pub weights: BTreeMap<usize, Vec<f64>>,
     /// Lights of the file that change.
     pub lights: BTreeMap<usize, Glow>,
+    /// Materials of the file that change.
+    pub materials: BTreeMap<usize, Paint>,
 }
 
 /// What of a light clips have changed.
@@ -79,15 +81,25 @@ impl Skeleton {
         Skeleton { parents, order, rest, scale, clips }
     }
 
+    /// How many nodes there are.
+    pub fn nodes(&self) -> usize {
+        self.rest.len()
+    }
+
     /// Where everything is at a time, in seconds since its clips began to play; each loops by itself.
     pub fn pose(&self, time: f64) -> Pose {
         let (mut locals, mut weights) = (self.rest.clone(), BTreeMap::new());
         let mut lights: BTreeMap<usize, Glow> = BTreeMap::new();
+        let mut materials: BTreeMap<usize, Paint> = BTreeMap::new();
         for clip in &self.clips {
             let time = clip.looped(time);
             for channel in &clip.channels {
                 let mut vector = [0.0; 3];
                 let curve = &channel.curve;
+                if channel.property.is_paint() {
+                    materials.entry(channel.node).or_default().take(channel.property, curve, time);
+                    continue;
+                }
                 match channel.property {
                     Property::Intensity => {
                         curve.sample(time, &mut vector[..1]);
@@ -107,7 +119,6 @@ impl Skeleton {
                         curve.sample(time, &mut values);
                         weights.insert(channel.node, values);
                     }
-                    (Local::Matrix(_), _) | (_, Property::Intensity | Property::Color) => {}
                     (Local::Parts { rotation, .. }, Property::Rotation) => *rotation = curve.rotation(time),
                     (Local::Parts { translation, .. }, Property::Translation) => {
                         curve.sample(time, &mut vector);
@@ -117,6 +128,7 @@ impl Skeleton {
                         curve.sample(time, &mut vector);
                         *scale = vector.into();
                     }
+                    _ => {}
                 }
             }
         }
@@ -126,7 +138,17 @@ impl Skeleton {
             world[node] =
                 self.parents[node].map_or_else(root, |parent| world[parent]) * locals[node].matrix();
         }
-        Pose { world, weights, lights }
+        Pose { world, weights, lights, materials }
+    }
+
+    /// Materials that change, each as bright and as clear as it ever gets: see [`Paint::take_most`].
+    pub fn most_paint(&self) -> BTreeMap<usize, Paint> {
+        let mut materials: BTreeMap<usize, Paint> = BTreeMap::new();
+        let channels = self.clips.iter().flat_map(|clip| &clip.channels);
+        for channel in channels.filter(|channel| channel.property.is_paint()) {
+            materials.entry(channel.node).or_default().take_most(channel.property, &channel.curve);
+        }
+        materials
     }
 
     /// Which nodes move: those that clips move, and all below them.

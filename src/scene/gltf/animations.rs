@@ -4,7 +4,7 @@ use super::accessor::{Accessor, Component};
 use super::buffers::Buffers;
 use super::json::{Animation, Document, Keys};
 use super::{Outcome, json};
-use crate::scene::animation::{Channel, Clip, Curve, Interpolation, Property};
+use crate::scene::animation::{Channel, Clip, Curve, Interpolation, PLACED_TEXTURES, Property};
 use crate::scene::budget::Budget;
 use crate::scene::source::shorten;
 
@@ -73,6 +73,38 @@ fn pointed(pointer: &str) -> Outcome<(&str, Option<usize>)> {
     }
 }
 
+/// What of which material a pointer names, and the material's texture that it is about; none where it is about something
+/// else.
+fn painted(pointer: &str) -> Option<(usize, Property)> {
+    let rest = pointer.strip_prefix("/materials/")?;
+    let (number, path) = rest.split_once('/')?;
+    let of_texture = |(texture, name): (usize, &str)| {
+        let part = path.strip_prefix(name)?.strip_prefix("/extensions/KHR_texture_transform/")?;
+        match part {
+            "offset" => Some(Property::UvOffset(texture)),
+            "rotation" => Some(Property::UvRotation(texture)),
+            "scale" => Some(Property::UvScale(texture)),
+            _ => None,
+        }
+    };
+    let property = match path {
+        "pbrMetallicRoughness/baseColorFactor" => Property::BaseColor,
+        "emissiveFactor" => Property::Emissive,
+        "extensions/KHR_materials_emissive_strength/emissiveStrength" => Property::EmissiveStrength,
+        _ => TEXTURES.into_iter().enumerate().find_map(of_texture)?,
+    };
+    Some((number.parse().ok()?, property))
+}
+
+/// Textures whose places change.
+const TEXTURES: [&str; PLACED_TEXTURES] = [
+    "pbrMetallicRoughness/baseColorTexture",
+    "pbrMetallicRoughness/metallicRoughnessTexture",
+    "normalTexture",
+    "occlusionTexture",
+    "emissiveTexture",
+];
+
 struct Reader<'a> {
     document: &'a Document,
     buffers: &'a Buffers<'a>,
@@ -84,6 +116,10 @@ impl Reader<'_> {
     fn channel(&self, channel: Option<&json::Channel>) -> Outcome<Option<Channel>> {
         let channel = channel.ok_or("is malformed")?;
         let target = &channel.target;
+        let pointer = target.extensions.pointer.as_ref().filter(|_| target.path == "pointer");
+        if let Some((material, property)) = pointer.and_then(|pointer| painted(&pointer.pointer)) {
+            return self.paint(channel, material, property).map(Some);
+        }
         let (path, node) = match &target.extensions.pointer {
             Some(pointer) if target.path == "pointer" => pointed(&pointer.pointer)?,
             _ => (target.path.as_str(), target.node.map(|node| node.0)),
@@ -105,12 +141,7 @@ impl Reader<'_> {
         if there.matrix.is_some() && property != Property::Weights {
             return Err(format!("moves node {node}, which has a matrix"));
         }
-        let width = match property {
-            Property::Translation | Property::Scale | Property::Color => 3,
-            Property::Rotation => 4,
-            Property::Intensity => 1,
-            Property::Weights => self.targets(node)?,
-        };
+        let width = property.width().map_or_else(|| self.targets(node), Ok)?;
         let curve = self.curve(self.keys(channel)?, width, property)?;
         Ok(Some(Channel { node, property, curve }))
     }
@@ -126,6 +157,28 @@ impl Reader<'_> {
         let light = light.filter(|light| *light < count).ok_or("changes a light that is not there")?;
         let (property, width) = if path == "color" { (Property::Color, 3) } else { (Property::Intensity, 1) };
         Ok(Channel { node: light, property, curve: self.curve(self.keys(channel)?, width, property)? })
+    }
+
+    /// A channel that changes a material of the file.
+    fn paint(&self, channel: &json::Channel, material: usize, property: Property) -> Outcome<Channel> {
+        let there = self.document.materials.get(material);
+        let there = there.ok_or_else(|| format!("changes material {material}, which is not there"))?;
+        let pbr = &there.pbr_metallic_roughness;
+        let textures = [
+            &pbr.base_color_texture,
+            &pbr.metallic_roughness_texture,
+            &there.normal_texture,
+            &there.occlusion_texture,
+            &there.emissive_texture,
+        ];
+        if let Property::UvOffset(texture) | Property::UvRotation(texture) | Property::UvScale(texture) =
+            property
+            && textures[texture].is_none()
+        {
+            return Err(format!("moves a texture that material {material} does not have"));
+        }
+        let width = property.width().unwrap_or(1);
+        Ok(Channel { node: material, property, curve: self.curve(self.keys(channel)?, width, property)? })
     }
 
     /// Morph targets of a node's mesh.

@@ -12,6 +12,7 @@ use glam::{Mat2, Vec2, Vec3, Vec4};
 use super::images::Decoded;
 use super::json::{self, Document, TextureInfo};
 use super::{Outcome, finite};
+use crate::scene::animation::{Made, PLACED_TEXTURES, Paint, UvTransform};
 use crate::scene::texture::{Sampling, Wrap, srgb_to_linear};
 use crate::scene::{AlphaMode, Layers, Material, TextureRef};
 
@@ -45,6 +46,7 @@ pub struct Use {
 pub struct Draft {
     material: Material,
     uses: [Option<Use>; ROLES],
+    made: Made,
 }
 
 /// A finished material, and the TEXCOORD set that each of the mesh's slots holds for it.
@@ -53,16 +55,25 @@ pub struct Finished {
     pub material: Material,
     /// For each slot of the mesh: the TEXCOORD set to read it from, if any.
     pub sets: [Option<usize>; 2],
+    /// What was multiplied into it beside the file's factors.
+    pub made: Made,
 }
 
 impl Draft {
-    /// Material `index` of the document, or the default material.
-    pub fn new(document: &Document, index: Option<usize>, warnings: &mut Vec<String>) -> Outcome<Self> {
+    /// Material `index` of the document, or the default material, with what animations have made of it.
+    pub fn new(
+        document: &Document,
+        index: Option<usize>,
+        paint: &Paint,
+        warnings: &mut Vec<String>,
+    ) -> Outcome<Self> {
+        let made = Made::default();
         let Some(index) = index else {
-            return Ok(Draft { material: Material::default(), uses: [None; ROLES] });
+            return Ok(Draft { material: Material::default(), uses: [None; ROLES], made });
         };
         let source = &document.materials[index];
-        let material = factors(source, index)?;
+        let (mut material, rest) = (factors(source, index)?, rest(source));
+        paint.apply(&rest, &made, &mut material);
         let infos = infos_of(source);
         let lit = !material.unlit;
         let glossy = material.layers.as_ref().is_some_and(|layers| layers.glossy);
@@ -89,8 +100,13 @@ impl Draft {
                     info.index.0
                 ));
             }
+            if let (Some(placed), Some(uv)) =
+                (&mut uses[role], (role < PLACED_TEXTURES).then(|| paint.uv(&rest, role)).flatten())
+            {
+                (placed.matrix, placed.offset) = uv;
+            }
         }
-        Ok(Draft { material, uses })
+        Ok(Draft { material, uses, made })
     }
 
     /// The images that it reads.
@@ -119,7 +135,9 @@ impl Draft {
         let color_channels: &[usize] =
             if material.alpha == AlphaMode::Opaque { &[0, 1, 2] } else { &[0, 1, 2, 3] };
         if let Some(texel) = constant(BASE_COLOR, color_channels) {
-            material.base_color *= linear(texel).extend(fraction(texel[3]));
+            let color = linear(texel).extend(fraction(texel[3]));
+            material.base_color *= color;
+            self.made.base_color *= color;
             self.uses[BASE_COLOR] = None;
         }
         let needed: Vec<usize> = [(material.roughness, 1), (material.metallic, 2)]
@@ -145,6 +163,7 @@ impl Draft {
         }
         if let Some(texel) = constant(EMISSIVE, &[0, 1, 2]) {
             material.emissive *= linear(texel);
+            self.made.emissive *= linear(texel);
             self.uses[EMISSIVE] = None;
         }
     }
@@ -157,7 +176,7 @@ impl Draft {
             }
             match role {
                 METALLIC_ROUGHNESS => self.material.metallic = 0.0,
-                EMISSIVE => self.material.emissive = Vec3::ZERO,
+                EMISSIVE => (self.material.emissive, self.made.emissive) = (Vec3::ZERO, Vec3::ZERO),
                 _ => {}
             }
         }
@@ -214,7 +233,7 @@ impl Draft {
         if let Some(glass) = &mut self.material.glass {
             glass.texture = refs[TRANSMISSION];
         }
-        Finished { material: self.material, sets }
+        Finished { material: self.material, sets, made: self.made }
     }
 }
 
@@ -323,18 +342,30 @@ fn use_of(document: &Document, info: &TextureInfo, srgb: bool) -> Outcome<Option
     };
     let transform = info.extensions.transform.as_ref();
     let set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord).0;
-    let (matrix, offset) = transform.map_or((Mat2::IDENTITY, Vec2::ZERO), uv_transform);
+    let (matrix, offset) = uv_transform(info).matrix();
     Ok(Some(Use { image, sampling, set, matrix, offset }))
 }
 
-/// The matrix and the offset of KHR_texture_transform.
-fn uv_transform(transform: &json::TextureTransform) -> (Mat2, Vec2) {
-    let (sin, cos) = transform.rotation.unwrap_or(0.0).sin_cos();
-    let [x, y] = transform.scale.unwrap_or([1.0; 2]);
-    // Counter-clockwise as seen with v downwards: the extension's example and TextureTransformTest
-    // agree on this, while an early draft's GLSL had the other sign.
-    let matrix = [x * cos, -x * sin, y * sin, y * cos].map(finite);
-    (Mat2::from_cols_array(&matrix), transform.offset.unwrap_or([0.0; 2]).map(finite).into())
+/// Where a texture lies.
+fn uv_transform(info: &TextureInfo) -> UvTransform {
+    info.extensions.transform.as_ref().map_or_else(UvTransform::default, |transform| UvTransform {
+        offset: transform.offset,
+        rotation: transform.rotation,
+        scale: transform.scale,
+    })
+}
+
+/// What the file says of what animations may change.
+pub fn rest(source: &json::Material) -> Paint {
+    let infos = infos_of(source);
+    let strength = source.extensions.emissive_strength.as_ref().and_then(|e| e.emissive_strength);
+    let has_base = source.extensions.layers.glossiness.is_none();
+    Paint {
+        base_color: has_base.then(|| source.pbr_metallic_roughness.base_color_factor.unwrap_or([1.0; 4])),
+        emissive: source.emissive_factor,
+        strength,
+        textures: std::array::from_fn(|role| infos[role].map(uv_transform).unwrap_or_default()),
+    }
 }
 
 fn sampling(sampler: &json::Sampler, index: usize, srgb: bool) -> Outcome<Sampling> {

@@ -56,7 +56,7 @@ use self::placed::PlacedLight;
 use self::placements::{Placement, placements};
 use self::shape::Shape;
 use self::surface::Surface;
-use super::animation::{Clip, ClipInfo, Motion, MovingLight, Part, choose};
+use super::animation::{Clip, ClipInfo, Motion, MovingLight, MovingMaterial, Paint, Part, Rigid, choose};
 use super::instanced::Instanced;
 use super::options::by_name;
 use super::source::{self, Folder};
@@ -156,7 +156,10 @@ fn unplaced(
     buffers.take_accessors(compressed::accessors(document, &buffers, &placements)?);
     let buffers = &buffers;
 
-    let mut drafts = drafts(document, &placements, &mut warnings)?;
+    // What changes later is read as it is at its brightest: all that is ever needed of it is there.
+    let most = nodes.skeleton.most_paint();
+    let paint = if options.keeps_motion { &most } else { &nodes.pose.materials };
+    let mut drafts = drafts(document, &placements, paint, &mut warnings)?;
     let (images, shapes) = rayon::join(
         || Images { document, buffers, folder }.load(&images_of(&drafts), budget),
         || shapes(document, buffers, &nodes, placements, &drafts),
@@ -192,8 +195,9 @@ impl Unplaced {
         let numbers: HashMap<Option<usize>, u32> = finished.keys().copied().zip(0..).collect();
         let material_of: Vec<u32> = surfaces.iter().map(|surface| numbers[&surface.shape.material]).collect();
         let lacking = surfaces.iter().filter(|surface| surface.lacks_uvs).count();
+        let painted = painted(document, &nodes, &finished, &numbers);
         let materials: Vec<Material> = finished.into_values().map(|finished| finished.material).collect();
-        let (instanced, lost) = instanced(&mut surfaces, &material_of, &materials, anchor, options)?;
+        let (instanced, rigid, lost) = instanced(&mut surfaces, &material_of, &materials, anchor, options)?;
         dropped.add(lost, 1);
         let (mesh, parts, instances, collapsed) =
             flatten::flatten(&surfaces, &material_of, &nodes.pose, anchor);
@@ -201,8 +205,10 @@ impl Unplaced {
         dropped.add(collapsed, 1);
         tell_left_out(dropped, lacking, &mut warnings);
         let placed = placed::lights(document, &nodes, anchor, &mut warnings)?;
-        let motion =
-            options.keeps_motion.then(|| motion(document, &nodes, parts, &placed, options.time)).flatten();
+        let motion = options
+            .keeps_motion
+            .then(|| motion(document, &nodes, (parts, rigid), &placed, painted, options.time))
+            .flatten();
         let cameras = placed::cameras(document, &nodes, &mut warnings);
         let mut said = HashSet::new();
         warnings.retain(|warning| said.insert(warning.clone()));
@@ -234,7 +240,7 @@ fn instanced(
     materials: &[Material],
     anchor: glam::DVec3,
     options: &LoadOptions,
-) -> Outcome<(Option<Instanced>, LeftOut)> {
+) -> Outcome<(Option<Instanced>, Vec<Rigid>, LeftOut)> {
     let shines = |number: &u32| emitters::shines(&materials[*number as usize]);
     let shared = |(surface, number): (&Surface, &u32)| surface.shape.shared && !shines(number);
     let kept: Vec<bool> = surfaces.iter().zip(material_of).map(shared).collect();
@@ -261,8 +267,9 @@ fn retain_shown(shapes: &mut Vec<Shape>) -> LeftOut {
 fn motion(
     document: &Document,
     nodes: &Nodes,
-    parts: Vec<Part>,
+    (parts, rigid): (Vec<Part>, Vec<Rigid>),
     lights: &[PlacedLight],
+    materials: Vec<MovingMaterial>,
     start: f64,
 ) -> Option<Arc<Motion>> {
     let of_file = |number: usize| document.extensions.lights.as_ref().map(|list| &list.lights[number]);
@@ -276,8 +283,31 @@ fn motion(
     let moves =
         |light: &MovingLight| nodes.moving[light.node] || nodes.pose.lights.contains_key(&light.number);
     let lights: Vec<MovingLight> = lights.iter().enumerate().map(moving).filter(moves).collect();
-    let moves = !parts.is_empty() || !lights.is_empty();
-    moves.then(|| Arc::new(Motion { skeleton: nodes.skeleton.clone(), parts, lights, start }))
+    let moves = !parts.is_empty() || !rigid.is_empty() || !lights.is_empty() || !materials.is_empty();
+    let motion = || Motion {
+        skeleton: nodes.skeleton.clone(),
+        parts,
+        rigid,
+        lights,
+        materials,
+        given: Vec::new(),
+        start,
+    };
+    moves.then(|| Arc::new(motion()))
+}
+
+/// The scene's materials that change.
+fn painted(
+    document: &Document,
+    nodes: &Nodes,
+    finished: &ByMaterial<Finished>,
+    numbers: &HashMap<Option<usize>, u32>,
+) -> Vec<MovingMaterial> {
+    let painted = nodes.pose.materials.keys().filter_map(|&number| {
+        let (made, material) = (finished.get(&Some(number))?.made, *numbers.get(&Some(number))? as usize);
+        Some(MovingMaterial { material, number, rest: materials::rest(&document.materials[number]), made })
+    });
+    painted.collect()
 }
 
 /// What is told of each clip, and those that play.
@@ -320,6 +350,7 @@ fn chosen_scene(document: &Document, options: &LoadOptions) -> Outcome<usize> {
 fn drafts(
     document: &Document,
     placements: &[Placement],
+    paint: &BTreeMap<usize, Paint>,
     warnings: &mut Vec<String>,
 ) -> Outcome<ByMaterial<Draft>> {
     let mut drafts = ByMaterial::new();
@@ -327,7 +358,8 @@ fn drafts(
         let index =
             document.meshes[placement.mesh].primitives[placement.primitive].material.map(|index| index.0);
         if let Entry::Vacant(entry) = drafts.entry(index) {
-            entry.insert(Draft::new(document, index, warnings)?);
+            let paint = index.and_then(|index| paint.get(&index)).copied().unwrap_or_default();
+            entry.insert(Draft::new(document, index, &paint, warnings)?);
         }
     }
     Ok(drafts)

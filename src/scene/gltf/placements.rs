@@ -118,8 +118,18 @@ fn share(document: &Document, list: &mut [Placement], options: &LoadOptions) -> 
         list.iter().map(|p| once(p).saturating_mul(copies(p))).fold(0, u64::saturating_add)
     };
     let sum = all(list);
-    for placement in list.iter_mut().filter(|placement| placement.moving.is_none()) {
-        placement.shared = options.instancing.shares(once(placement), copies(placement), sum);
+    // What keeps its form.
+    let is_rigid = |p: &Placement| {
+        let has_targets = !document.meshes[p.mesh].primitives[p.primitive].targets.is_empty();
+        p.moving.is_some() && p.skin.is_none() && !has_targets
+    };
+    let moved = list.iter().filter(|p| is_rigid(p)).map(|p| once(p).saturating_mul(copies(p)));
+    let moved = moved.fold(0, u64::saturating_add);
+    for placement in list.iter_mut() {
+        placement.shared = match placement.moving {
+            None => options.instancing.shares(once(placement), copies(placement), sum),
+            Some(_) => is_rigid(placement) && options.instancing.shares_moving(moved),
+        };
     }
     // Mirrored ones have a shape of their own.
     let kept = |p: &Placement| once(p).saturating_mul(if p.shared { copies(p).min(2) } else { copies(p) });

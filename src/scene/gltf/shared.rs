@@ -1,69 +1,114 @@
-//! Primitives that are kept once and shown at many places: what of a document's surfaces becomes [`Instanced`].
+//! Primitives that are kept once and shown at many places, or moved as a whole: what of a document's surfaces becomes
+//! [`Instanced`].
 
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat4, DVec3};
 
 use super::flatten::{Placed, join};
 use super::surface::Surface;
 use crate::scene::LeftOut;
-use crate::scene::instanced::{Instance, Instanced, InstancedShape};
+use crate::scene::animation::Rigid;
+use crate::scene::instanced::{Instance, Instanced, InstancedShape, is_usable};
 
-/// A matrix whose determinant is less of its columns' lengths flattens what it places.
-const FLATTENS: f64 = 1e-6;
+/// Where a surface is shown.
+struct Place {
+    /// `world_from_mesh`.
+    world: DMat4,
+    /// The node that moves it, and `node_from_mesh`.
+    moved: Option<(usize, DMat4)>,
+}
+
+/// A surface at places that are all mirrored, or none of them.
+struct Group {
+    surface: usize,
+    /// What mirrors the shape.
+    flip: DMat4,
+    /// What is the shape's origin, in the mesh.
+    centre: DVec3,
+    places: Vec<Place>,
+}
+
+/// Shapes and instances in the making.
+#[derive(Default)]
+struct Taken<'a> {
+    placed: Vec<Placed<'a>>,
+    shapes: Vec<InstancedShape>,
+    instances: Vec<Instance>,
+    rigid: Vec<Rigid>,
+    left_out: LeftOut,
+}
 
 /// Takes from surfaces that are `kept` once the places that need no copies; what is left of a surface's places is to be
-/// flattened. `materials` has the material of each surface. Also tells what was left out.
+/// flattened. `materials` has the material of each surface. Returns the instances, those that move last, how these do,
+/// and what was left out.
 pub fn take(
     surfaces: &mut [Surface],
     materials: &[u32],
     kept: &[bool],
     anchor: DVec3,
-) -> (Option<Instanced>, LeftOut) {
-    let (mut placed, mut shapes, mut instances) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut left_out, mut vertices, mut triangles) = (LeftOut::default(), 0, 0);
-    let mut places = Vec::new();
-    for ((index, surface), _) in surfaces.iter_mut().enumerate().zip(kept).filter(|(_, kept)| **kept) {
-        let bounds = surface.shape.bounds();
-        let (usable, others) = std::mem::take(&mut surface.shape.transforms)
-            .into_iter()
-            .partition::<Vec<_>, _>(|world| is_usable(world, bounds, anchor));
-        surface.shape.transforms = others;
-        let (mirrored, plain) = usable.into_iter().partition::<Vec<_>, _>(|world| world.determinant() < 0.0);
-        let centre = (bounds.0 + bounds.1) * 0.5;
-        places.extend([(index, 1.0, centre, plain), (index, -1.0, centre, mirrored)]);
+) -> (Option<Instanced>, Vec<Rigid>, LeftOut) {
+    let kept = surfaces.iter_mut().enumerate().zip(kept).filter(|(_, kept)| **kept);
+    let mut groups: Vec<Group> =
+        kept.flat_map(|((index, surface), _)| groups(index, surface, anchor)).collect();
+    // What moves comes last.
+    groups.sort_by_key(|group| group.places.iter().any(|place| place.moved.is_some()));
+    let mut taken = Taken::default();
+    for group in groups {
+        taken.add(&surfaces[group.surface], materials[group.surface], &group, anchor);
     }
-    for (index, side, centre, worlds) in places.into_iter().filter(|(.., worlds)| !worlds.is_empty()) {
-        // A shape that is shown mirrored is mirrored itself, so that no instance has to turn its winding.
-        let flip = DMat4::from_scale(DVec3::new(side, 1.0, 1.0));
-        let origin = flip.transform_point3(centre);
-        let shape = Placed::still(&surfaces[index], materials[index], &flip, origin);
-        left_out.add(shape.dropped, worlds.len());
-        if shape.triangles.is_empty() {
-            continue;
-        }
-        let number = shapes.len() as u32;
-        shapes.push(InstancedShape {
-            triangles: triangles..triangles + shape.triangles.len(),
-            vertices: vertices..vertices + shape.positions.len(),
-        });
-        (triangles, vertices) = (triangles + shape.triangles.len(), vertices + shape.positions.len());
-        placed.push(shape);
-        let own = flip * DMat4::from_translation(origin);
-        instances.extend(worlds.into_iter().map(|world| {
-            let matrix = DMat4::from_translation(-anchor) * world * own;
-            let row = |axis: usize| matrix.row(axis).as_vec4().to_array();
-            Instance { shape: number, anchor_from_shape: [row(0), row(1), row(2)] }
-        }));
-    }
+    let Taken { placed, shapes, instances, rigid, left_out } = taken;
     let instanced = Instanced { mesh: join(placed).0, shapes, instances };
-    ((!instanced.instances.is_empty()).then_some(instanced), left_out)
+    ((!instanced.instances.is_empty()).then_some(instanced), rigid, left_out)
 }
 
-/// Whether an instance at a place is what the flattened shape would be.
-fn is_usable(world: &DMat4, (low, high): (DVec3, DVec3), anchor: DVec3) -> bool {
-    let linear = DMat3::from_mat4(*world);
-    let lengths = linear.x_axis.length() * linear.y_axis.length() * linear.z_axis.length();
-    let is_solid = linear.determinant().abs() > FLATTENS * lengths && lengths.is_finite();
-    let reach = linear.abs() * low.abs().max(high.abs()) + (world.w_axis.truncate() - anchor).abs();
-    // Half of the largest float: sums of a few terms stay finite.
-    is_solid && reach.max_element() < f64::from(f32::MAX) * 0.25 && lengths > f64::from(f32::MIN_POSITIVE)
+/// Takes a surface's places that an instance can show.
+fn groups(index: usize, surface: &mut Surface, anchor: DVec3) -> Vec<Group> {
+    let (shape, mut groups) = (&mut surface.shape, [Vec::new(), Vec::new()]);
+    let bounds = shape.bounds();
+    let moved = shape.moving.as_mut().map(|moving| std::mem::take(&mut moving.places));
+    for (at, world) in std::mem::take(&mut shape.transforms).into_iter().enumerate() {
+        let own = moved.as_ref().map(|moved| moved[at]);
+        if is_usable(&(DMat4::from_translation(-anchor) * world), bounds) {
+            groups[usize::from(world.determinant() < 0.0)].push(Place { world, moved: own });
+        } else {
+            shape.transforms.push(world);
+            shape.moving.iter_mut().for_each(|moving| moving.places.extend(own));
+        }
+    }
+    let (centre, [plain, mirrored]) = ((bounds.0 + bounds.1) * 0.5, groups);
+    let group = |side: f64, places| Group {
+        surface: index,
+        // A shape that is shown mirrored is mirrored itself, so that no instance has to turn its winding.
+        flip: DMat4::from_scale(DVec3::new(side, 1.0, 1.0)),
+        centre,
+        places,
+    };
+    let both = [group(1.0, plain), group(-1.0, mirrored)];
+    both.into_iter().filter(|group| !group.places.is_empty()).collect()
+}
+
+impl<'a> Taken<'a> {
+    fn add(&mut self, surface: &'a Surface, material: u32, group: &Group, anchor: DVec3) {
+        let origin = group.flip.transform_point3(group.centre);
+        let shape = Placed::still(surface, material, &group.flip, origin);
+        self.left_out.add(shape.dropped, group.places.len());
+        if shape.triangles.is_empty() {
+            return;
+        }
+        let number = self.shapes.len() as u32;
+        let (triangles, vertices) =
+            self.shapes.last().map_or((0, 0), |last| (last.triangles.end, last.vertices.end));
+        self.shapes.push(InstancedShape {
+            triangles: triangles..triangles + shape.triangles.len(),
+            vertices: vertices..vertices + shape.positions.len(),
+            moves: surface.shape.moving.is_some(),
+        });
+        self.placed.push(shape);
+        let own = group.flip * DMat4::from_translation(origin);
+        for place in &group.places {
+            let matrix = DMat4::from_translation(-anchor) * place.world * own;
+            self.instances.push(Instance::new(number, &matrix));
+            let rigid = place.moved.map(|(node, local)| Rigid { shape: number, node, local: local * own });
+            self.rigid.extend(rigid);
+        }
+    }
 }

@@ -3,8 +3,12 @@
 use std::collections::HashMap;
 
 use glam::{DMat3, DVec3, Vec3, Vec4};
+use rayon::prelude::*;
 
 use crate::scene::LeftOut;
+
+/// Vectors that one thread looks at, at least.
+const FEW: usize = 2048;
 
 impl LeftOut {
     /// Keeps the triangles that have an area, and counts the others.
@@ -61,18 +65,23 @@ pub fn transform_tangent(matrix: &DMat3, tangent: Vec4) -> Vec4 {
 
 /// Normals made unit; those without a direction get that of the triangles around them.
 pub fn unit_normals(normals: &[Vec3], positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
-    let units: Vec<Option<DVec3>> = normals.iter().map(|n| n.as_dvec3().try_normalize()).collect();
-    let mut sums = HashMap::<u32, DVec3>::new();
-    if units.iter().any(Option::is_none) {
-        for triangle in triangles {
-            let [a, b, c] = triangle.map(|i| positions[i as usize]);
-            for &corner in triangle.iter().filter(|&&corner| units[corner as usize].is_none()) {
-                *sums.entry(corner).or_default() += cross(a, b, c);
-            }
+    let unit = |n: &Vec3| n.as_dvec3().try_normalize().map_or(Vec3::ZERO, |unit| unit.as_vec3());
+    let mut units: Vec<Vec3> = normals.par_iter().with_min_len(FEW).map(unit).collect();
+    let missing: Vec<usize> = (0..units.len()).filter(|&i| units[i] == Vec3::ZERO).collect();
+    if missing.is_empty() {
+        return units;
+    }
+    let mut sums: HashMap<usize, DVec3> = missing.into_iter().map(|i| (i, DVec3::ZERO)).collect();
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|i| positions[i as usize]);
+        for &corner in triangle {
+            sums.entry(corner as usize).and_modify(|sum| *sum += cross(a, b, c));
         }
     }
-    let around = |i: usize| sums.get(&(i as u32)).and_then(|sum| sum.try_normalize()).unwrap_or(DVec3::Y);
-    units.iter().enumerate().map(|(i, unit)| unit.unwrap_or_else(|| around(i)).as_vec3()).collect()
+    for (i, sum) in sums {
+        units[i] = sum.try_normalize().unwrap_or(DVec3::Y).as_vec3();
+    }
+    units
 }
 
 /// A tangent that spans a frame with the unit normal: itself, made unit, where it can, else any.

@@ -129,6 +129,14 @@ fn each_frame_has_random_numbers_of_its_own() {
 }
 
 #[test]
+fn pictures_show_the_hands_of_their_frame() {
+    let grip = Pose::new(glam::DQuat::IDENTITY, DVec3::new(0.1, 1.0, -0.4));
+    let run = frames(&per_eye(), PERIOD / 4, 3, |wearer| wearer.input.hands.grips = [Some(grip), None]);
+    assert_eq!(run.notebook.hands.len(), run.notebook.drawn.len());
+    assert!(run.notebook.hands.iter().all(|hands| hands.grips == [Some(grip), None] && hands.aim.is_none()));
+}
+
+#[test]
 fn pictures_have_the_exposure_that_was_given() {
     let mut config = per_eye();
     config.view.exposure = crate::config::ExposureConfig::Stops(1.5);

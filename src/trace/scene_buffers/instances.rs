@@ -30,7 +30,8 @@ impl SceneData {
             self.triangles.extend(tree.order.iter().map(|slot| {
                 let index = slot.triangle as usize;
                 let vertices = own[index].map(|vertex| vertex + first_vertex as u32);
-                pack_triangle(vertices, pack_still_material(scene, materials[index]), slot)
+                let moves = if shape.moves { layout::TRIANGLE_MOVES } else { 0 };
+                pack_triangle(vertices, pack_still_material(scene, materials[index]) | moves, slot)
             }));
         }
         self.append_vertices(&scene.mesh, &instanced.mesh);
@@ -74,7 +75,10 @@ fn fill<T: Copy>(list: &mut Option<Vec<T>>, own: &[T], empty: T, before: usize, 
 ///
 /// # Errors
 /// [`Error::Setting`] where their triangles cannot be told apart.
-pub(super) fn records(instanced: &Instanced, trees: Trees) -> Result<Vec<layout::Instance>> {
+pub(in crate::trace) fn instance_records(
+    instanced: &Instanced,
+    trees: Trees,
+) -> Result<Vec<layout::Instance>> {
     let count = instanced.instances.len() as u32 + 1;
     let rows = Mat4::IDENTITY.to_cols_array_2d();
     let rows = [rows[0], rows[1], rows[2]];
@@ -85,17 +89,15 @@ pub(super) fn records(instanced: &Instanced, trees: Trees) -> Result<Vec<layout:
     let mut first_triangle = trees.world.order.len() as u64;
     for instance in &instanced.instances {
         let shape = instance.shape as usize;
-        let back = instance.matrix().inverse();
-        let row = |axis: usize| back.row(axis).as_vec4().to_array();
-        list.push(layout::Instance {
-            world_from_shape: instance.anchor_from_shape,
-            shape_from_world: [row(0), row(1), row(2)],
-            reach: reach(instance, bounds[shape]),
+        let mut record = layout::Instance {
             root: firsts[shape].0 as u32,
             first_place: firsts[shape].1 as u32,
             first_triangle: first_triangle as u32,
             count,
-        });
+            ..world
+        };
+        place_record(&mut record, instance, bounds[shape]);
+        list.push(record);
         first_triangle += trees.shapes[shape].order.len() as u64;
         if first_triangle > MOST_TRIANGLES {
             return Err(Error::setting(
@@ -105,6 +107,19 @@ pub(super) fn records(instanced: &Instanced, trees: Trees) -> Result<Vec<layout:
         }
     }
     Ok(list)
+}
+
+/// Puts an instance of a shape in a box elsewhere.
+pub(in crate::trace) fn place_record(
+    record: &mut layout::Instance,
+    instance: &Instance,
+    bounds: (Vec3, Vec3),
+) {
+    let back = instance.matrix().inverse();
+    let row = |axis: usize| back.row(axis).as_vec4().to_array();
+    record.world_from_shape = instance.anchor_from_shape;
+    record.shape_from_world = [row(0), row(1), row(2)];
+    record.reach = reach(instance, bounds);
 }
 
 /// Of each shape its root, and the place of its first triangle.

@@ -26,12 +26,16 @@ impl SceneBuffers {
         if let Some(tangents) = &self.tangents {
             tangents.write_at(state.tangents.0, &state.tangents.1)?;
         }
+        self.materials.write(&state.materials)?;
         if let Some(lights) = &self.lights {
             lights.write(&state.lights)?;
         }
         if let (Some(emitters), Some(nodes)) = (&self.emitters, &self.light_nodes) {
             emitters.write(&state.emitters)?;
             nodes.write(&state.light_nodes)?;
+        }
+        if let Some(instances) = &self.instances {
+            instances.write_at(state.instances.0, &state.instances.1)?;
         }
         if let Some([lower, upper]) = state.lit {
             (self.shading.lit_lower, self.shading.lit_upper) = (lower.to_array(), upper.to_array());

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::layout;
 use crate::scene::importance::{AliasEntry, DirectionTable};
 use crate::scene::{
-    AlphaMode, Environment, Layers, LightKind, Scene, Texture, TextureRef, emitters, texture::Wrap,
+    AlphaMode, Environment, Layers, LightKind, Scene, Sun, Texture, TextureRef, emitters, texture::Wrap,
 };
 use crate::trace::emitters::{PackedEmitters, lights_asked};
 
@@ -75,7 +75,7 @@ fn pack_use(texture: Option<TextureRef>) -> layout::TextureUse {
     }
 }
 
-pub(super) fn pack_materials(scene: &Scene) -> Vec<layout::Material> {
+pub(in crate::trace) fn pack_materials(scene: &Scene) -> Vec<layout::Material> {
     scene.materials.iter().map(|m| pack_material(m, &scene.textures)).collect()
 }
 
@@ -128,6 +128,20 @@ fn pack_material(m: &crate::scene::Material, images: &[Texture]) -> layout::Mate
         clear: m.clear(),
         textures,
     }
+}
+
+/// Brings a record to what of its material may change.
+pub(in crate::trace) fn repaint(record: &mut layout::Material, m: &crate::scene::Material) {
+    (record.base_color, record.emissive) = (m.base_color.to_array(), m.emissive.to_array());
+    record.clear = m.clear();
+    let placed = [
+        m.base_color_texture,
+        m.metallic_roughness_texture,
+        m.normal_texture,
+        m.occlusion_texture,
+        m.emissive_texture,
+    ];
+    record.textures.iter_mut().zip(placed).for_each(|(packed, texture)| *packed = pack_use(texture));
 }
 
 /// Textures that share texels share them here too: what there is of each, and where each begins.
@@ -208,11 +222,11 @@ pub(in crate::trace) fn pack_lights(lights: &[crate::scene::Light], order: &[usi
     order.iter().map(|&index| pack(&lights[index])).collect()
 }
 
-pub(super) fn pack_environment(environment: &Environment) -> Vec<layout::EnvironmentTexel> {
+pub(in crate::trace) fn pack_environment(environment: &Environment) -> Vec<layout::EnvironmentTexel> {
     environment.texels.iter().map(|texel| layout::EnvironmentTexel { radiance: texel.to_array() }).collect()
 }
 
-pub(super) fn pack_directions(directions: &DirectionTable) -> Vec<layout::DirectionCell> {
+pub(in crate::trace) fn pack_directions(directions: &DirectionTable) -> Vec<layout::DirectionCell> {
     // Thresholds as 32-bit fractions; 1.0 saturates, and an entry that keeps itself is its own alias.
     let pack = |(entry, &density): (&AliasEntry, &f32)| layout::DirectionCell {
         threshold: (f64::from(entry.threshold) * 4_294_967_296.0) as u32,
@@ -272,20 +286,32 @@ pub(super) fn shading(
         emitters: packed.map_or(0, |packed| packed.triangles),
         lit_lower: lit[0].to_array(),
         lit_upper: lit[1].to_array(),
-        environment_irradiance: environment.irradiance(),
         light_nodes: packed.map_or(0, |packed| packed.nodes.len() as u32),
-        environment_width: environment.width,
-        environment_height: environment.height,
-        directions_width: directions.width,
-        directions_height: directions.height,
-        environment_share: if directions.table.is_empty() { 0.0 } else { ENVIRONMENT_SHARE },
         ..Default::default()
     };
-    if let Some(sun) = environment.sun {
-        shading.sun_share = if sun.radiance.max_element() > 0.0 { SUN_SHARE } else { 0.0 };
-        shading.sun_direction = sun.direction.to_array();
-        shading.sun_radiance = sun.radiance.to_array();
-        shading.sun_one_minus_cos = (1.0 - sun.cos_radius).max(1e-12);
-    }
+    let (size, cells) = ([environment.width, environment.height], [directions.width, directions.height]);
+    let can_aim = !directions.table.is_empty();
+    distant(&mut shading, environment.irradiance(), size, cells, can_aim, environment.sun);
     shading
+}
+
+/// What of the shading parameters depends on light from infinitely far: the irradiance and the size of its map, the size
+/// of the table of directions and whether there is anything to aim at, and the sun.
+pub(super) fn distant(
+    shading: &mut layout::Shading,
+    irradiance: f32,
+    size: [u32; 2],
+    cells: [u32; 2],
+    can_aim: bool,
+    sun: Option<Sun>,
+) {
+    shading.environment_irradiance = irradiance;
+    [shading.environment_width, shading.environment_height] = size;
+    [shading.directions_width, shading.directions_height] = cells;
+    shading.environment_share = if can_aim { ENVIRONMENT_SHARE } else { 0.0 };
+    let share = |sun: Sun| if sun.radiance.max_element() > 0.0 { SUN_SHARE } else { 0.0 };
+    shading.sun_share = sun.map_or(0.0, share);
+    shading.sun_direction = sun.map_or([0.0; 3], |sun| sun.direction.to_array());
+    shading.sun_radiance = sun.map_or([0.0; 3], |sun| sun.radiance.to_array());
+    shading.sun_one_minus_cos = sun.map_or(0.0, |sun| (1.0 - sun.cos_radius).max(1e-12));
 }

@@ -42,7 +42,7 @@ fn check(scene: &Scene) {
     };
     let device = Device::open(&info).unwrap();
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-    let (light, _) = environment(&EnvironmentConfig::default()).unwrap();
+    let (light, _) = environment(&EnvironmentConfig::default(), 0.0).unwrap();
     let mut tracer = Tracer::new(&device, scene, &bvh, &light).unwrap();
     let eye = default_viewpoint(scene, 70.0).world_from_eye;
     for (turn, jitter) in [(0.0, false), (0.9, true)] {
@@ -79,7 +79,7 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     let device = Device::open(&info).unwrap();
     let scene = Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap();
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
-    let (light, _) = environment(&EnvironmentConfig::default()).unwrap();
+    let (light, _) = environment(&EnvironmentConfig::default(), 0.0).unwrap();
     let mut tracer = Tracer::new(&device, &scene, &bvh, &light).unwrap();
     let fov = FieldOfView::symmetric(1.2, 2.0);
     let world_from_eye = default_viewpoint(&scene, 70.0).world_from_eye;

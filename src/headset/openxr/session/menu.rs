@@ -63,7 +63,10 @@ impl Menu {
             format!("Pressed, a {other} stick resets the height of the eyes."),
             told(turns, format!("The {points} stick or pad turns.")),
             format!("Pressed, a {points} stick leads back to the start."),
-            told(teleports, format!("The {points} hand's first button or trigger teleports.")),
+            told(
+                teleports,
+                format!("The {points} hand's first button or trigger teleports as it is let go."),
+            ),
             "The menu button closes this.".to_string(),
         ];
         Page { text: text.join(" "), written: Instant::now() }
@@ -105,7 +108,10 @@ mod tests {
         let text = |controls: Controls| Menu::new(controls).page().text;
         let all = text(ALL);
         assert!(all.contains("left stick or pad walks") && all.contains("right stick or pad turns"), "{all}");
-        assert!(all.contains("right hand's first button or trigger teleports") && !all.contains("foveate:"));
+        assert!(
+            all.contains("right hand's first button or trigger teleports as it is let go")
+                && !all.contains("foveate:")
+        );
         assert!(text(Controls { left_handed: true, ..ALL }).contains("right stick or pad walks"));
         for (controls, word) in [
             (Controls { walks: false, ..ALL }, "walks"),

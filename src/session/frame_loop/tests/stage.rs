@@ -10,6 +10,7 @@ use super::*;
 use crate::frame::StageMs;
 use crate::headset::{Deadline, Gaze, HiddenMesh, Toggles};
 use crate::scene::generate::demo;
+use crate::scene::hands::HandPlaces;
 
 /// Nanoseconds between pictures of the display.
 pub const PERIOD: i64 = 10_000_000;
@@ -125,6 +126,8 @@ pub struct Notebook {
     pub drawn: Vec<Drawn>,
     /// At which instants of the scene.
     pub instants: Vec<f64>,
+    /// And with which hands.
+    pub hands: Vec<HandPlaces>,
     pub applied: usize,
     pub toggled: [usize; 2],
 }
@@ -171,6 +174,10 @@ impl Draw for Notebook {
         self.instants.push(seconds);
     }
 
+    fn show_hands(&mut self, hands: &HandPlaces) {
+        self.hands.push(*hands);
+    }
+
     fn toggle(&mut self, toggles: Toggles) {
         self.toggled[0] += usize::from(toggles.exposure);
         self.toggled[1] += usize::from(toggles.overlay);
@@ -206,6 +213,10 @@ impl Draw for Absent<'_> {
 
     fn show_at(&mut self, seconds: f64) {
         self.notebook.show_at(seconds);
+    }
+
+    fn show_hands(&mut self, hands: &HandPlaces) {
+        self.notebook.show_hands(hands);
     }
 
     fn toggle(&mut self, toggles: Toggles) {
@@ -272,6 +283,7 @@ pub fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut
             building: 0,
             drawn: Vec::new(),
             instants: Vec::new(),
+            hands: Vec::new(),
             applied: 0,
             toggled: [0; 2],
         },
