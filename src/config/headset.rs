@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::scene::grab::Grab;
+
 /// The Rift DK1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -47,6 +49,8 @@ pub struct HeadsetConfig {
     pub turn_degrees: f64,
     /// Draw controllers in the scene, and where the pointing one points while it aims.
     pub show_hands: bool,
+    /// What controllers can seize in the scene.
+    pub grab: Grab,
     /// Let the terminal's keys move the wearer too.
     pub keyboard: bool,
     /// Hand over pictures' depths where the runtime takes them, for its own reprojection.
@@ -101,6 +105,7 @@ impl Default for HeadsetConfig {
             turn: Turn::Snap,
             turn_degrees: 30.0,
             show_hands: true,
+            grab: Grab::Marked,
             keyboard: true,
             depth: true,
         }

@@ -13,6 +13,7 @@ use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
 use crate::gpu::opencl::Device;
 use crate::progress;
+use crate::scene::grab::Grab;
 use crate::scene::hands;
 use crate::scene::instanced::InstancedShape;
 use crate::scene::sky::Sky;
@@ -58,7 +59,7 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn from_file(path: &Path, config: &Config) -> Result<Loaded> {
-        Self::with(config, false, || read(path, config, false))
+        Self::with(config, false, || read(path, config, Kept::Nothing))
     }
 
     /// Loads a scene from a file that moves on from its first instant, where anything in it does.
@@ -66,7 +67,7 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn moving_from_file(path: &Path, config: &Config) -> Result<Loaded> {
-        Self::with(config, true, || read(path, config, true))
+        Self::with(config, true, || read(path, config, Kept::Motion))
     }
 
     /// The same with the wearer's hands in it, where the settings want to see them.
@@ -74,7 +75,7 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn worn_from_file(path: &Path, config: &Config) -> Result<Loaded> {
-        Self::with(config, true, || read(path, config, true).map(|scene| worn(scene, config)))
+        Self::with(config, true, || read(path, config, Kept::Worn).map(|scene| worn(scene, config)))
     }
 
     /// Takes a glTF binary from memory; `name` stands for it in messages.
@@ -90,7 +91,7 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn moving_from_glb(name: &str, bytes: &[u8], config: &Config) -> Result<Loaded> {
-        let options = LoadOptions { keeps_motion: true, ..config.scene.load_options(Progress::default()) };
+        let options = Kept::Motion.over(config, Progress::default());
         Self::with(config, true, || Scene::from_glb_with(Path::new(name), bytes, &options))
     }
 
@@ -99,7 +100,7 @@ impl Loaded {
     /// # Errors
     /// Where the scene or the environment cannot be used.
     pub fn worn_from_glb(name: &str, bytes: &[u8], config: &Config) -> Result<Loaded> {
-        let options = LoadOptions { keeps_motion: true, ..config.scene.load_options(Progress::default()) };
+        let options = Kept::Worn.over(config, Progress::default());
         let read = || Scene::from_glb_with(Path::new(name), bytes, &options);
         Self::with(config, true, || read().map(|scene| worn(scene, config)))
     }
@@ -146,6 +147,27 @@ impl Loaded {
     }
 }
 
+/// What of a scene's motion is kept.
+#[derive(Clone, Copy)]
+enum Kept {
+    Nothing,
+    /// Animations play on.
+    Motion,
+    /// And hands seize things.
+    Worn,
+}
+
+impl Kept {
+    fn over(self, config: &Config, progress: Progress) -> LoadOptions {
+        let grab = if matches!(self, Kept::Worn) { config.headset.grab } else { Grab::None };
+        LoadOptions {
+            keeps_motion: !matches!(self, Kept::Nothing),
+            grab,
+            ..config.scene.load_options(progress)
+        }
+    }
+}
+
 /// A scene with the wearer's hands in it, where the settings want to see them.
 fn worn(mut scene: Scene, config: &Config) -> Scene {
     if config.headset.show_hands {
@@ -155,10 +177,9 @@ fn worn(mut scene: Scene, config: &Config) -> Scene {
 }
 
 /// Reads a scene, under a progress bar where standard error is a terminal.
-fn read(path: &Path, config: &Config, keeps_motion: bool) -> Result<Scene> {
+fn read(path: &Path, config: &Config, kept: Kept) -> Result<Scene> {
     let (bar, progress) = reading();
-    let options = LoadOptions { keeps_motion, ..config.scene.load_options(progress) };
-    let scene = Scene::load_with(path, &options);
+    let scene = Scene::load_with(path, &kept.over(config, progress));
     bar.finish_and_clear();
     scene
 }

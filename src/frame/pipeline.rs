@@ -39,7 +39,7 @@ mod start;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DVec2;
+use glam::{DMat4, DVec2};
 
 use super::meter::Meter;
 use super::scheduler::{DeviceShare, Scheduler};
@@ -409,6 +409,14 @@ impl Renderer {
     pub fn show_hands(&mut self, hands: &HandPlaces) {
         if let Some(moving) = &mut self.moving {
             moving.give(&hands.matrices());
+        }
+    }
+
+    /// What hands can seize ([`crate::scene::animation::Motion::grabbable`], in its order) is where they have put it from
+    /// the next instant on: `world_from_node`, in metres; `None` where they have not.
+    pub fn put(&mut self, places: &[Option<DMat4>]) {
+        if let Some(moving) = &mut self.moving {
+            moving.put(places);
         }
     }
 

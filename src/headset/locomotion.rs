@@ -36,6 +36,8 @@ pub struct Hands {
     pub aiming: bool,
     /// Where the left and the right hand hold things, in the tracked space; `None` where they are not seen.
     pub grips: [Option<Pose>; 2],
+    /// The left and the right hand squeeze what they hold.
+    pub squeezes: [bool; 2],
     /// Where the pointing hand is and, along its -Z, points: in the tracked space.
     pub aim: Option<Pose>,
     /// Back to the start, just now.

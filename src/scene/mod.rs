@@ -14,6 +14,7 @@ pub mod formats;
 pub mod generate;
 pub mod glossy;
 pub mod gltf;
+pub mod grab;
 pub mod hands;
 pub mod importance;
 pub mod info;

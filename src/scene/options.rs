@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::animation::Choice;
 use super::budget::Budget;
+use super::grab::Grab;
 use super::instanced::Instancing;
 
 /// What a caller may want of a scene's file.
@@ -21,6 +22,8 @@ pub struct LoadOptions {
     pub time: f64,
     /// Whether the scene is to move on from there ([`super::Scene::motion`]).
     pub keeps_motion: bool,
+    /// What hands can seize there; nothing by default, and in what does not move on.
+    pub grab: Grab,
     /// Which shapes are kept once.
     pub instancing: Instancing,
     /// Metres that a unit of the file is.
@@ -43,6 +46,7 @@ impl Default for LoadOptions {
             animation,
             time,
             keeps_motion: false,
+            grab: Grab::None,
             instancing: Instancing::default(),
             scale: 1.0,
             budget,

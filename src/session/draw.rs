@@ -1,5 +1,7 @@
 //! From what is traced to the renderer's requests.
 
+use glam::DMat4;
+
 use super::{Part, Traced};
 use crate::config::Quality;
 use crate::error::Result;
@@ -43,6 +45,9 @@ pub trait Draw {
     /// The next ones show the wearer's hands there: see [`Renderer::show_hands`].
     fn show_hands(&mut self, hands: &HandPlaces);
 
+    /// The next ones show what hands can seize where they have put it: see [`Renderer::put`].
+    fn put(&mut self, places: &[Option<DMat4>]);
+
     /// Switches what is to be switched.
     fn toggle(&mut self, toggles: Toggles);
 
@@ -69,6 +74,10 @@ impl Draw for Renderer {
 
     fn show_hands(&mut self, hands: &HandPlaces) {
         Renderer::show_hands(self, hands);
+    }
+
+    fn put(&mut self, places: &[Option<DMat4>]) {
+        Renderer::put(self, places);
     }
 
     fn toggle(&mut self, toggles: Toggles) {

@@ -6,6 +6,7 @@ use glam::DVec2;
 
 use super::draw::{Draw, Picture};
 use super::gaze::Looks;
+use super::grabs::Grabs;
 use super::rig::{Rig, between};
 use super::{Absence, Asking, FoveaPoint, Observer, Pace, Shown, Traced, absence};
 use crate::config::{Config, HeadsetConfig, Quality, Stereo};
@@ -38,6 +39,8 @@ pub struct FrameLoop<'a> {
     fov_y: Option<f64>,
     rig: Rig,
     looks: Looks,
+    /// What the hands carry, where the scene has anything that they can seize.
+    grabs: Option<Grabs>,
     /// Holds the frame time, where one is asked for, once the display's period is known.
     controller: Option<Controller>,
     pace: Pace,
@@ -79,6 +82,7 @@ impl<'a> FrameLoop<'a> {
             fov_y,
             rig,
             looks: Looks::new(gaze),
+            grabs: scene.motion.as_ref().and_then(Grabs::new),
             controller: None,
             pace: Pace::default(),
             begun: None,
@@ -181,8 +185,14 @@ impl<'a> FrameLoop<'a> {
         let held = self.hold(link, frame)?;
         let Some(canvases) = link.headset.acquire()? else { return self.skip(link, frame, None) };
         let begun = *self.begun.get_or_insert(time);
-        link.draw.show_hands(&self.rig.hands(&input.hands, self.scene));
-        link.draw.show_at(time.saturating_sub(begun) as f64 * 1e-9);
+        let (seconds, hands) =
+            (time.saturating_sub(begun) as f64 * 1e-9, self.rig.hands(&input.hands, self.scene));
+        if let Some(grabs) = &mut self.grabs {
+            let passed = seconds * self.config.scene.speed;
+            link.draw.put(grabs.step(&hands.grips, input.hands.squeezes, passed));
+        }
+        link.draw.show_hands(&hands);
+        link.draw.show_at(seconds);
         // As late as it can be: all that is left to do before tracing is to choose samples.
         let newest = self.eyes(link.headset, frame, Asking::Trace)?;
         let (eyes, time) = newest.unwrap_or((eyes, time));

@@ -14,6 +14,7 @@ mod absence;
 mod draw;
 mod frame_loop;
 mod gaze;
+mod grabs;
 mod pace;
 mod rig;
 mod traced;

@@ -49,6 +49,8 @@ pub struct MovingScene {
     motion: Arc<Motion>,
     /// Where the nodes beyond the skeleton's are, or were last, and whether what hangs on them is shown.
     given: Vec<(DMat4, bool)>,
+    /// Where hands have put what they can seize, if they have.
+    put: Vec<Option<DMat4>>,
     /// Nothing is shown at all that moves.
     rests: bool,
     anchor: DVec3,
@@ -133,6 +135,7 @@ impl MovingScene {
         let tangents = if mesh.tangents.is_empty() { &[][..] } else { &mesh.tangents[first_vertex..] };
         Some(MovingScene {
             given: motion.given.iter().map(|&place| (place, false)).collect(),
+            put: Vec::new(),
             rests: false,
             anchor: scene.anchor,
             parted: parted.clone(),
@@ -180,6 +183,12 @@ impl MovingScene {
         }
     }
 
+    /// Has what hands can seize ([`Motion::grabbable`], in its order) where they have put it, from the next instant on.
+    pub fn put(&mut self, places: &[Option<DMat4>]) {
+        self.put.clear();
+        self.put.extend_from_slice(places);
+    }
+
     /// Whether the next instant is as the last one was, at whatever time: nothing moves by itself, and nothing is given a
     /// place.
     pub fn rests(&self) -> bool {
@@ -200,7 +209,7 @@ impl MovingScene {
             self.parted.hide(first_given + index, !shown);
         }
         self.rests = self.is_empty();
-        let instant = self.motion.with(time, self.anchor, &self.own, &given);
+        let instant = self.motion.with(self.motion.pose(time, &given, &self.put), self.anchor, &self.own);
         self.take(&instant);
         let materials = self.materials.as_mut().map(|materials| materials.at(&self.motion, &instant.pose));
         if let Some(instances) = &self.instances {

@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod day;
+mod grabs;
 mod hands;
 mod moving;
 mod painted;

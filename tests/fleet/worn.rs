@@ -33,7 +33,7 @@ fn floor(folder: &Path, mirror: bool) -> std::path::PathBuf {
     builder.write_glb(folder)
 }
 
-fn view() -> View {
+pub fn view() -> View {
     let world_from_eye = Pose::look_at(DVec3::new(0.0, 1.6, 1.6), DVec3::new(0.0, 0.2, 0.0));
     let fov = FieldOfView::symmetric(50f64.to_radians(), f64::from(WIDTH) / f64::from(HEIGHT));
     View { world_from_eye, fov, width: WIDTH, height: HEIGHT, spacing: Default::default() }
@@ -51,7 +51,7 @@ fn pixel(point: DVec3) -> usize {
     below as usize * WIDTH as usize + across as usize
 }
 
-fn settings() -> Config {
+pub fn settings() -> Config {
     let mut config = config(Method::Guided).without_reuse();
     config.trace.indirect = Indirect::Paths;
     config.foveation.samples = Samples::Full;

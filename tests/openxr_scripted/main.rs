@@ -14,6 +14,7 @@ mod depth;
 mod extras;
 mod faults;
 mod frames;
+mod grabs;
 mod hands;
 mod hangs;
 #[cfg(unix)]

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use openxr as xr;
 
-use super::bindings::{CONTROLLERS, GRIPS, is_enabled, mirrored};
+use super::bindings::{CONTROLLERS, GRIPS, HANDS, is_enabled, mirrored};
 use super::convert;
 use super::fault::{Called, Outcome};
 use crate::headset::locomotion::Hands;
@@ -21,6 +21,8 @@ pub struct Actions {
     aim: Place,
     /// Of the left and the right hand.
     grips: [Place; 2],
+    /// The same.
+    squeezes: [xr::Action<bool>; 2],
 }
 
 /// Where a hand is.
@@ -69,6 +71,10 @@ impl Actions {
             menu: button("menu", "Menu")?,
             aim,
             grips,
+            squeezes: [
+                button("left_squeeze", "Left hand seizes")?,
+                button("right_squeeze", "Right hand seizes")?,
+            ],
             set,
         };
         actions.suggest(instance, left_handed);
@@ -83,6 +89,8 @@ impl Actions {
                 bound.and_then(Result::ok)
             };
             let path = |path: &str| if left_handed { fixed(&mirrored(profile, path)) } else { fixed(path) };
+            let squeezed =
+                |hand| if at.squeeze.is_empty() { None } else { fixed(&format!("{hand}/{}", at.squeeze)) };
             let moving = [
                 path(at.go).map(|path| xr::Binding::new(&self.go.push, path)),
                 path(at.turn).map(|path| xr::Binding::new(&self.turn.push, path)),
@@ -97,6 +105,8 @@ impl Actions {
                 fixed(at.menu).map(|path| xr::Binding::new(&self.menu, path)),
                 fixed(GRIPS[0]).map(|path| xr::Binding::new(&self.grips[0].action, path)),
                 fixed(GRIPS[1]).map(|path| xr::Binding::new(&self.grips[1].action, path)),
+                squeezed(HANDS[0]).map(|path| xr::Binding::new(&self.squeezes[0], path)),
+                squeezed(HANDS[1]).map(|path| xr::Binding::new(&self.squeezes[1], path)),
             ];
             let Ok(profile) = instance.string_to_path(&format!("/interaction_profiles/{profile}")) else {
                 continue;
@@ -129,6 +139,7 @@ impl Actions {
             aiming,
             aim: if teleport || aiming { place(&self.aim) } else { None },
             grips: [place(&self.grips[0]), place(&self.grips[1])],
+            squeezes: [held_down(&self.squeezes[0], session), held_down(&self.squeezes[1], session)],
             recentre: pressed(&self.recentre, session),
             height: pressed(&self.height, session),
         }
@@ -138,6 +149,11 @@ impl Actions {
     pub fn menu(&self, session: &xr::Session<xr::Vulkan>) -> bool {
         pressed(&self.menu, session)
     }
+}
+
+/// Whether a button is pressed.
+fn held_down(button: &xr::Action<bool>, session: &xr::Session<xr::Vulkan>) -> bool {
+    button.state(session, xr::Path::NULL).is_ok_and(|state| state.is_active && state.current_state)
 }
 
 /// Whether a button has just been pressed.

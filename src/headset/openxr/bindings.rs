@@ -22,9 +22,14 @@ pub struct Bindings {
     pub recentre: &'static str,
     /// Eyes as high above the ground as at the start.
     pub height: &'static str,
+    /// What each hand squeezes to seize things: below `/user/hand/left` and `/user/hand/right`.
+    pub squeeze: &'static str,
     /// The menu, which is on the same hand for everybody.
     pub menu: &'static str,
 }
+
+/// The hands below `/user/hand`.
+pub const HANDS: [&str; 2] = ["left", "right"];
 
 /// Where each hand holds its controller: on all of them.
 pub const GRIPS: [&str; 2] = ["left/input/grip/pose", "right/input/grip/pose"];
@@ -39,6 +44,7 @@ const STICKS: Bindings = Bindings {
     aim: "right/input/aim/pose",
     recentre: "right/input/thumbstick/click",
     height: "left/input/thumbstick/click",
+    squeeze: "input/squeeze/value",
     menu: "left/input/menu/click",
 };
 
@@ -49,21 +55,26 @@ const SIMPLE: Bindings = Bindings {
     teleport: "right/input/select/click",
     recentre: "right/input/menu/click",
     height: "",
+    squeeze: "",
     ..STICKS
 };
 
 /// Controllers by their interaction profiles. Trackpads have to be pressed: a thumb that rests on one walks nowhere.
 pub const CONTROLLERS: [(&str, Bindings); 14] = [
-    // The left hand's system button is the runtime's, and there is no menu: B is free.
-    ("valve/index_controller", Bindings { menu: "left/input/b/click", ..STICKS }),
+    // The left hand's system button is the runtime's, and there is no menu: B is free. A hand that merely lies around it has
+    // a value; one that squeezes has a force.
+    (
+        "valve/index_controller",
+        Bindings { menu: "left/input/b/click", squeeze: "input/squeeze/force", ..STICKS },
+    ),
     ("oculus/touch_controller", STICKS),
     ("meta/touch_plus_controller", STICKS),
     ("meta/touch_controller_plus", STICKS),
     ("meta/touch_pro_controller", STICKS),
     ("facebook/touch_controller_pro", STICKS),
     ("hp/mixed_reality_controller", STICKS),
-    ("htc/vive_cosmos_controller", STICKS),
-    ("htc/vive_focus3_controller", STICKS),
+    ("htc/vive_cosmos_controller", Bindings { squeeze: "input/squeeze/click", ..STICKS }),
+    ("htc/vive_focus3_controller", Bindings { squeeze: "input/squeeze/click", ..STICKS }),
     ("bytedance/pico4_controller", STICKS),
     (
         "htc/vive_controller",
@@ -73,13 +84,23 @@ pub const CONTROLLERS: [(&str, Bindings); 14] = [
             press_go: "left/input/trackpad/click",
             press_turn: "right/input/trackpad/click",
             teleport: "right/input/trigger/value",
+            squeeze: "input/squeeze/click",
             ..SIMPLE
         },
     ),
-    ("microsoft/motion_controller", Bindings { teleport: "right/input/trigger/value", ..STICKS }),
+    (
+        "microsoft/motion_controller",
+        Bindings { teleport: "right/input/trigger/value", squeeze: "input/squeeze/click", ..STICKS },
+    ),
     (
         "ext/hand_interaction_ext",
-        Bindings { teleport: "right/input/pinch_ext/value", recentre: "", menu: "", ..SIMPLE },
+        Bindings {
+            teleport: "right/input/pinch_ext/value",
+            recentre: "",
+            squeeze: "input/grasp_ext/value",
+            menu: "",
+            ..SIMPLE
+        },
     ),
     ("khr/simple_controller", SIMPLE),
 ];
@@ -130,11 +151,13 @@ mod tests {
     #[test]
     fn no_place_has_two_meanings() {
         for (profile, places) in CONTROLLERS {
-            let Bindings { go, turn, teleport, recentre, height, menu, .. } = places;
+            let Bindings { go, turn, teleport, recentre, height, squeeze, menu, .. } = places;
             for hand in [false, true] {
                 let place = |path: &str| if hand { mirrored(profile, path) } else { path.to_string() };
                 let mut all: Vec<String> = [go, turn, teleport, recentre, height].map(place).to_vec();
                 all.push(menu.to_string());
+                let squeezes = HANDS.map(|hand| format!("{hand}/{squeeze}"));
+                all.extend(squeezes.into_iter().filter(|_| !squeeze.is_empty()));
                 all.retain(|path| !path.is_empty());
                 let count = all.len();
                 all.sort();

@@ -1,10 +1,13 @@
 //! What of a scene moves, and where it is at a time.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::part::{Part, Vertices};
 use super::{MovingMaterial, Pose, Rigid, Skeleton, orientation};
+use crate::scene::grab::Grabbable;
 use crate::scene::instanced::Instance;
 use crate::scene::{Instanced, Light, Mesh};
 
@@ -25,6 +28,8 @@ pub struct Motion {
     /// Nodes beyond the skeleton's, where they are as long as nobody gives them another place: `world_from_node`, in
     /// metres. The last parts hang on them, one on each.
     pub given: Vec<DMat4>,
+    /// Nodes that hands can seize.
+    pub grabbable: Vec<Grabbable>,
     /// The time for which the scene was loaded, in seconds: what plays on begins there.
     pub start: f64,
 }
@@ -81,13 +86,20 @@ impl Motion {
     /// Everything at a time, in seconds since the clips began to play. `triangles` are those of each part in terms of its
     /// own vertices.
     pub fn at(&self, time: f64, anchor: DVec3, triangles: &[Vec<[u32; 3]>]) -> Instant {
-        self.with(time, anchor, triangles, &self.given)
+        self.with(self.pose(time, &self.given, &[]), anchor, triangles)
     }
 
-    /// The same with places of the nodes beyond the skeleton's.
-    pub fn with(&self, time: f64, anchor: DVec3, triangles: &[Vec<[u32; 3]>], given: &[DMat4]) -> Instant {
-        let mut pose = self.skeleton.pose(time);
+    /// Where all nodes are at a time: those beyond the skeleton's where they are given, those that hands can seize, in
+    /// their order, where these have put them, if they have (`world_from_node`, in metres).
+    pub fn pose(&self, time: f64, given: &[DMat4], put: &[Option<DMat4>]) -> Pose {
+        let put = self.grabbable.iter().zip(put).filter_map(|(thing, place)| Some((thing.node, (*place)?)));
+        let mut pose = self.skeleton.pose_with(time, &put.collect::<BTreeMap<_, _>>());
         pose.world.extend(given);
+        pose
+    }
+
+    /// Everything in a pose.
+    pub fn with(&self, pose: Pose, anchor: DVec3, triangles: &[Vec<[u32; 3]>]) -> Instant {
         let part = |(part, triangles): (&Part, &Vec<[u32; 3]>)| part.at(&pose, anchor, triangles);
         Instant {
             parts: self.parts.par_iter().zip(triangles).map(part).collect(),

@@ -86,8 +86,18 @@ impl Skeleton {
         self.rest.len()
     }
 
+    /// The node that a node hangs on, if any.
+    pub fn parent(&self, node: usize) -> Option<usize> {
+        self.parents.get(node).copied().flatten()
+    }
+
     /// Where everything is at a time, in seconds since its clips began to play; each loops by itself.
     pub fn pose(&self, time: f64) -> Pose {
+        self.pose_with(time, &BTreeMap::new())
+    }
+
+    /// The same where some nodes are elsewhere (`world_from_node`, in metres), with all that hangs on them.
+    pub fn pose_with(&self, time: f64, elsewhere: &BTreeMap<usize, DMat4>) -> Pose {
         let (mut locals, mut weights) = (self.rest.clone(), BTreeMap::new());
         let mut lights: BTreeMap<usize, Glow> = BTreeMap::new();
         let mut materials: BTreeMap<usize, Paint> = BTreeMap::new();
@@ -135,8 +145,9 @@ impl Skeleton {
         let mut world = vec![DMat4::IDENTITY; self.rest.len()];
         for &node in &self.order {
             let root = || DMat4::from_scale(DVec3::splat(self.scale));
-            world[node] =
-                self.parents[node].map_or_else(root, |parent| world[parent]) * locals[node].matrix();
+            let hung =
+                || self.parents[node].map_or_else(root, |parent| world[parent]) * locals[node].matrix();
+            world[node] = elsewhere.get(&node).copied().unwrap_or_else(hung);
         }
         Pose { world, weights, lights, materials }
     }
@@ -151,9 +162,10 @@ impl Skeleton {
         materials
     }
 
-    /// Which nodes move: those that clips move, and all below them.
-    pub fn moving(&self) -> Vec<bool> {
+    /// Which nodes move: those that clips move, these others, and all below them.
+    pub fn moving(&self, others: &[usize]) -> Vec<bool> {
         let mut moving = vec![false; self.rest.len()];
+        others.iter().for_each(|&node| moving[node] = true);
         for channel in self.clips.iter().flat_map(|clip| &clip.channels) {
             let moves =
                 matches!(channel.property, Property::Translation | Property::Rotation | Property::Scale);
@@ -219,12 +231,18 @@ mod tests {
             2.0,
             vec![clip],
         );
-        assert_eq!(skeleton.moving(), [false, true, true]);
+        assert_eq!(skeleton.moving(&[]), [false, true, true]);
+        assert_eq!(skeleton.moving(&[0]), [true; 3]);
         let pose = skeleton.pose(1.0);
         let origin = |node: usize| pose.world[node].transform_point3(DVec3::ZERO);
         assert!((origin(0) - DVec3::new(2.0, 0.0, 0.0)).length() < 1e-9);
         assert!((origin(2) - DVec3::new(0.0, 4.0, 0.0)).length() < 1e-6, "{}", origin(2));
         assert_eq!(pose.weights, BTreeMap::from([(0, vec![1.0, 3.0])]));
         assert_eq!(skeleton.pose(0.5).weights[&0], [0.5, 2.0]);
+        // Who is put elsewhere leaves its curves, and its children follow.
+        let put = skeleton.pose_with(1.0, &BTreeMap::from([(1, DMat4::from_translation(DVec3::Z))]));
+        assert_eq!((put.world[0], put.world[1]), (pose.world[0], DMat4::from_translation(DVec3::Z)));
+        assert!(put.world[2].transform_point3(DVec3::ZERO).distance(DVec3::new(1.0, 0.0, 1.0)) < 1e-12);
+        assert_eq!((skeleton.parent(2), skeleton.parent(1), skeleton.parent(9)), (Some(1), None, None));
     }
 }

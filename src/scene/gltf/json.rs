@@ -2,7 +2,7 @@
 //!
 //! These types are our own for four reasons: integers may be written as `1.0` (glTF 2.0, 2.6 "JSON
 //! encoding"), indices must not be truncated, KHR_texture_transform belongs to normal and occlusion
-//! textures too, and what is not read (extras) or can be done without (animations) must not be able to make a
+//! textures too, and what is not glTF's (extras) or can be done without (animations) must not be able to make a
 //! scene unreadable.
 //! Fields have the specification's names, meanings and units. Nothing here is checked beyond its type:
 //! see [`super::check`].
@@ -343,6 +343,16 @@ pub struct Node {
     pub skin: Option<Int>,
     pub weights: Option<Vec<f64>>,
     pub extensions: NodeExtensions,
+    #[serde(deserialize_with = "lenient")]
+    pub extras: Option<NodeExtras>,
+}
+
+/// What the project reads of what a file says beyond glTF.
+#[derive(Derive)]
+pub struct NodeExtras {
+    /// Hands can seize it.
+    #[serde(default)]
+    pub grab: bool,
 }
 
 #[derive(Derive, Default)]

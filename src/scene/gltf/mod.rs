@@ -57,6 +57,7 @@ use self::placements::{Placement, placements};
 use self::shape::Shape;
 use self::surface::Surface;
 use super::animation::{Clip, ClipInfo, Motion, MovingLight, MovingMaterial, Paint, Part, Rigid, choose};
+use super::grab::Grab;
 use super::instanced::Instanced;
 use super::options::by_name;
 use super::source::{self, Folder};
@@ -151,7 +152,9 @@ fn unplaced(
     buffers.take_views(compressed::views(document, &buffers, budget)?);
     let mut clips = animations::clips(document, &buffers, budget, &mut warnings)?;
     let (animations, playing) = playing(&mut clips, options)?;
-    let nodes = Nodes::new(document, chosen_scene(document, options)?, options.scale, playing, options.time)?;
+    let grab = if options.keeps_motion { options.grab } else { Grab::None };
+    let scene = chosen_scene(document, options)?;
+    let nodes = Nodes::new(document, scene, options.scale, playing, (options.time, grab))?;
     let placements = placements(document, &buffers, &nodes, options, &mut warnings)?;
     buffers.take_accessors(compressed::accessors(document, &buffers, &placements)?);
     let buffers = &buffers;
@@ -208,7 +211,11 @@ impl Unplaced {
         let motion = options
             .keeps_motion
             .then(|| motion(document, &nodes, (parts, rigid), &placed, painted, options.time))
-            .flatten();
+            .flatten()
+            .map(|mut motion| {
+                motion.let_seize(&nodes.grabbable, instanced.as_ref());
+                Arc::new(motion)
+            });
         let cameras = placed::cameras(document, &nodes, &mut warnings);
         let mut said = HashSet::new();
         warnings.retain(|warning| said.insert(warning.clone()));
@@ -271,7 +278,7 @@ fn motion(
     lights: &[PlacedLight],
     materials: Vec<MovingMaterial>,
     start: f64,
-) -> Option<Arc<Motion>> {
+) -> Option<Motion> {
     let of_file = |number: usize| document.extensions.lights.as_ref().map(|list| &list.lights[number]);
     let moving = |(index, placed): (usize, &PlacedLight)| MovingLight {
         light: index,
@@ -291,9 +298,10 @@ fn motion(
         lights,
         materials,
         given: Vec::new(),
+        grabbable: Vec::new(),
         start,
     };
-    moves.then(|| Arc::new(motion()))
+    moves.then(motion)
 }
 
 /// The scene's materials that change.

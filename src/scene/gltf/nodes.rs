@@ -5,6 +5,7 @@ use glam::{DMat4, DQuat, DVec3};
 use super::Outcome;
 use super::json::{Document, Node};
 use crate::scene::animation::{Clip, Local, Pose, Skeleton};
+use crate::scene::grab::Grab;
 
 /// The hierarchy, flattened.
 pub struct Nodes {
@@ -16,6 +17,8 @@ pub struct Nodes {
     pub moving: Vec<bool>,
     /// The nodes of the scene to show, parents before children.
     pub shown: Vec<usize>,
+    /// Those of them that hands can seize.
+    pub grabbable: Vec<usize>,
 }
 
 impl Nodes {
@@ -23,7 +26,13 @@ impl Nodes {
     ///
     /// `scene` is the index of the scene to show, if the file has any; `scale` enlarges all of it. `clips` have
     /// played for `time` seconds.
-    pub fn new(document: &Document, scene: usize, scale: f64, clips: Vec<Clip>, time: f64) -> Outcome<Self> {
+    pub fn new(
+        document: &Document,
+        scene: usize,
+        scale: f64,
+        clips: Vec<Clip>,
+        (time, grab): (f64, Grab),
+    ) -> Outcome<Self> {
         let nodes = &document.nodes;
         let parents = parents(nodes)?;
         let roots: Vec<usize> = (0..nodes.len()).filter(|&node| parents[node].is_none()).collect();
@@ -42,7 +51,13 @@ impl Nodes {
         starts.sort_unstable();
         starts.dedup();
         let shown = descend(nodes, starts, &visible);
-        Ok(Nodes { pose: skeleton.pose(time), moving: skeleton.moving(), skeleton, shown })
+        let marked = |node: &usize| nodes[*node].extras.as_ref().is_some_and(|extras| extras.grab);
+        let grabbable: Vec<usize> = match grab {
+            Grab::Marked => shown.iter().copied().filter(marked).collect(),
+            Grab::None => Vec::new(),
+        };
+        let moving = skeleton.moving(&grabbable);
+        Ok(Nodes { pose: skeleton.pose(time), moving, skeleton, shown, grabbable })
     }
 }
 

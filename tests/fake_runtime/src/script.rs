@@ -41,6 +41,8 @@ pub struct Script {
     pub without_paths: Vec<String>,
     /// What is pressed and pushed on them.
     pub inputs: Vec<Input>,
+    /// Where hands are elsewhere than held out before the head.
+    pub hands: Vec<HandMove>,
     /// Results that calls give instead of doing their work, counted over the whole run.
     pub faults: Vec<Fault>,
     /// Calls that take their time.
@@ -68,6 +70,7 @@ impl Default for Script {
             profile: None,
             without_paths: Vec::new(),
             inputs: Vec::new(),
+            hands: Vec::new(),
             faults: Vec::new(),
             hangs: Vec::new(),
             sessions: Vec::new(),
@@ -153,6 +156,20 @@ pub struct Input {
     pub to: u64,
     /// X and Y; a trigger or a button is X alone.
     pub value: [f32; 2],
+}
+
+/// Where a hand is from a frame on.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HandMove {
+    /// The frame, counted by xrWaitFrame in the session from 1.
+    pub frame: u64,
+    /// It is the left one.
+    pub left: bool,
+    /// From where it is held out, in the head's space, metres.
+    pub shift: [f32; 3],
+    /// It is not seen.
+    pub lost: bool,
 }
 
 /// A result that a call gives instead of doing its work.

@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::rc::Rc;
 use std::sync::LazyLock;
 
-use glam::{DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3};
 
 use super::*;
 use crate::frame::StageMs;
@@ -128,6 +128,8 @@ pub struct Notebook {
     pub instants: Vec<f64>,
     /// And with which hands.
     pub hands: Vec<HandPlaces>,
+    /// And where hands have put what they can seize.
+    pub put: Vec<Vec<Option<DMat4>>>,
     pub applied: usize,
     pub toggled: [usize; 2],
 }
@@ -178,6 +180,10 @@ impl Draw for Notebook {
         self.hands.push(*hands);
     }
 
+    fn put(&mut self, places: &[Option<DMat4>]) {
+        self.put.push(places.to_vec());
+    }
+
     fn toggle(&mut self, toggles: Toggles) {
         self.toggled[0] += usize::from(toggles.exposure);
         self.toggled[1] += usize::from(toggles.overlay);
@@ -217,6 +223,10 @@ impl Draw for Absent<'_> {
 
     fn show_hands(&mut self, hands: &HandPlaces) {
         self.notebook.show_hands(hands);
+    }
+
+    fn put(&mut self, places: &[Option<DMat4>]) {
+        self.notebook.put(places);
     }
 
     fn toggle(&mut self, toggles: Toggles) {
@@ -284,6 +294,7 @@ pub fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut
             drawn: Vec::new(),
             instants: Vec::new(),
             hands: Vec::new(),
+            put: Vec::new(),
             applied: 0,
             toggled: [0; 2],
         },

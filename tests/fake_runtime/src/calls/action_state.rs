@@ -166,9 +166,13 @@ impl Runtime {
         }
         let Some(profile) = self.script.profile.clone() else { return Ok(None) };
         let paths = self.bound(&action, &profile, hand)?;
-        let side = if paths.iter().any(|path| path.contains("/left/")) { -0.2 } else { 0.2 };
+        let left = paths.iter().any(|path| path.contains("/left/"));
+        let side = if left { -0.2 } else { 0.2 };
+        let moves = self.script.hands.iter().rev();
+        let moved = moves.filter(|hand| hand.left == left).find(|hand| hand.frame <= frame);
+        let moved = moved.copied().unwrap_or_default();
         let turn = glam::Quat::from_rotation_x(-HAND_DOWN.to_radians());
-        let held = Pose { place: glam::Vec3::new(side, -0.3, -0.4), turn };
-        Ok((!paths.is_empty()).then_some(held))
+        let place = glam::Vec3::new(side, -0.3, -0.4) + glam::Vec3::from(moved.shift);
+        Ok((!paths.is_empty() && !moved.lost).then_some(Pose { place, turn }))
     }
 }
