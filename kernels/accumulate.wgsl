@@ -13,13 +13,23 @@ struct Source {
     x: vec4<f32>,
     y: vec4<f32>,
     ahead: vec4<f32>,
-    // Pixels across and down, and samples that are known to be nearest to each of them.
+    // Pixels across and down, samples that are known to be nearest to each of them, and motions of what moves as a whole.
     size: vec4<u32>,
+}
+
+// Where a point of something that moves as a whole was in the view's last frame: from relative to this frame's eye to
+// relative to that one's. The rows of a matrix; all 0 where it is not known.
+struct Motion {
+    x: vec4<f32>,
+    y: vec4<f32>,
+    z: vec4<f32>,
 }
 
 struct Sources {
     last: Source,
     other: Source,
+    // By the number that records have of it, less one.
+    motions: array<Motion, 127>,
 }
 
 struct Parameters {
@@ -91,8 +101,14 @@ const UNNOTICED = 0.03;
 const TELLING = 6.0;
 // Surfaces must agree at least so much somewhere for their history to count.
 const LEAST_AGREEMENT = 0.3;
-// Estimates at most that a mean holds on surfaces that move: their light changes as they do.
-const MOVING_LONGEST = 1.0;
+// Estimates at most that a mean holds on surfaces whose motion is known: their light changes as they move.
+const MOVING_LONGEST = 8.0;
+// Radians by which a normal turns while a mean is made.
+const MOVING_TURN = 0.1;
+// There, standard errors by which a neighbourhood's brightness may be off what it was without estimates being dropped.
+const GLIDES = 1.0;
+// Share of a pixel's width from which on a surface is elsewhere than it was.
+const ELSEWHERE = 0.1;
 // Where things or lights move it has also where the neighbourhood's brightness is so many standard errors off what it was;
 // of its variance in the past so much counts at least, and of fewer neighbours than these nothing is told.
 const SUDDEN = 4.0;
@@ -158,6 +174,45 @@ fn alike_reflection(point: vec3<f32>, offset: vec3<f32>, roughness: f32) -> f32 
     let turned = 2.0 * length(normalize(point) - normalize(point + offset));
     let relative = turned / (roughness * roughness + 0.01);
     return exp(-relative * relative);
+}
+
+// How much of specular light found on a surface that has moved holds, as `alike_reflection`.
+fn alike_after_motion(now: Point, before: Point, roughness: f32) -> f32 {
+    let mirrored = reflect(normalize(now.point), now.normal) - reflect(normalize(before.point), before.normal);
+    let relative = 2.0 * length(mirrored) / (roughness * roughness + 0.01);
+    return exp(-relative * relative);
+}
+
+// Where the surface of a point was in the view's last frame, seen from that frame's eye.
+struct Before {
+    point: Point,
+    // Estimates at most that its mean may hold, 1 where its motion is not known.
+    longest: f32,
+    alike_reflection: f32,
+}
+
+fn point_before(here: Point, mapped: u32, roughness: f32) -> Before {
+    let back = sources[0].last.offset.xyz;
+    let still = Point(here.at, here.point + back, here.normal, here.pixel_width);
+    if (mapped & SURFACE_MOVES) == 0u {
+        return Before(still, parameters.longest, alike_reflection(here.point, back, roughness));
+    }
+    let index = (mapped >> SURFACE_MOVER) - 1u;
+    if index >= sources[0].last.size.w {
+        return Before(still, 1.0, 0.0);
+    }
+    let motion = sources[0].motions[index];
+    let seen = vec4(here.point, 1.0);
+    let point = vec3(dot(motion.x, seen), dot(motion.y, seen), dot(motion.z, seen));
+    let turned = vec3(dot(motion.x.xyz, here.normal), dot(motion.y.xyz, here.normal), dot(motion.z.xyz, here.normal));
+    if !(dot(turned, turned) > 0.0) {
+        return Before(still, 1.0, 0.0);
+    }
+    let before = Point(here.at, point, normalize(turned), here.pixel_width);
+    let is_elsewhere = length(point - still.point) > ELSEWHERE * here.pixel_width;
+    let most = select(parameters.longest, min(parameters.longest, MOVING_LONGEST), is_elsewhere);
+    let longest = clamp(MOVING_TURN / max(length(before.normal - here.normal), 1e-6), 1.0, most);
+    return Before(before, longest, alike_after_motion(here, before, roughness));
 }
 
 struct Found {
@@ -325,6 +380,14 @@ fn followed(last: History, around: vec2<f32>, longest: f32) -> History {
     return history;
 }
 
+// The part of what was found on a surface that moves which is kept: the mean lags behind where light glides over it.
+fn kept_in_motion(last: History, around: vec2<f32>) -> f32 {
+    let off = around.x - last.slow;
+    let forgiven = UNNOTICED * last.slow;
+    let limit = GLIDES * GLIDES * max(around.y, 0.0) + forgiven * forgiven;
+    return min(limit / max(off * off, 1e-30), 1.0);
+}
+
 @compute @workgroup_size(64)
 fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= parameters.count {
@@ -348,12 +411,11 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let here = Point(vec2<f32>(at), point_at(parameters.rays, parameters.spacing, f32(at.x), f32(at.y), depth), normal, width);
     let seen = visibility[at.y * parameters.width + at.x];
     let roughness = roughness_of(seen);
-    let moves = (seen.mapped & SURFACE_MOVES) != 0u;
-    let longest = select(parameters.longest, min(parameters.longest, MOVING_LONGEST), moves);
+    let before = point_before(here, seen.mapped, roughness);
+    let longest = before.longest;
     let sun_centre = second.w >> 24u & 1u;
 
-    let back = sources[0].last.offset.xyz;
-    let found = look_back(Point(here.at, here.point + back, normal, width), sun_centre);
+    let found = look_back(before.point, sun_centre);
     let across = sources[0].other.offset.xyz;
     let lent = look_across(Point(here.at, here.point + across, normal, width));
     let lent_specular = lent.weight * alike_reflection(here.point, across, roughness);
@@ -362,7 +424,9 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     var history = History(0.0, 0.0, value.x, value.x, 0.0, -1.0, vec2(0.0));
     if found.weight > 0.0 {
         history = followed(found.history, value, longest);
-        history.specular_age *= alike_reflection(here.point, back, roughness);
+        let kept = select(1.0, kept_in_motion(found.history, value), (seen.mapped & SURFACE_MOVES) != 0u);
+        history.diffuse_age *= kept;
+        history.specular_age *= kept * before.alike_reflection;
     }
     let diffuse_age = min(history.diffuse_age + 1.0 + lent.weight, longest);
     let specular_age = min(history.specular_age + 1.0 + lent_specular, longest);

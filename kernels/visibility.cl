@@ -230,7 +230,7 @@ static void describe_group(const Scene *scene, const Camera *camera, const Shadi
         uint place = g->places.place[i];
         bool in_sun = (lit >> place & 1ul) != 0ul;
         VisibilityRecord record = {normal.lane[i] | (in_sun ? SUN_VISIBLE : 0u), depth.lane[i], colors.lane[i],
-                                   surface.lane[i], emission.lane[i], map.lane[i] | f->moves, reflected.lane[i]};
+                                   surface.lane[i], emission.lane[i], map.lane[i] | f->motion, reflected.lane[i]};
         records[(top + place / BLOCK) * camera->width + left + place % BLOCK] = record;
     }
 }

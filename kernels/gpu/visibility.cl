@@ -28,7 +28,8 @@ static VisibilityRecord describe_surface(const Scene *scene, const Camera *camer
     float3 d = camera_ray(camera, x, y), base;
     Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
                            hit.t * pixel_footprint(camera, (float2)(x, y) + 0.5f));
-    uint packed = packed_of(scene, hit.triangle), reflected = 0u;
+    uint instance = instance_of(scene, hit.triangle), reflected = 0u;
+    uint packed = scene->triangles[place_in(scene, instance, hit.triangle)].packed;
     float metallic;
     recorded_colors(&s, &base, &metallic);
 #if HAS_GLOSSY
@@ -56,7 +57,7 @@ static VisibilityRecord describe_surface(const Scene *scene, const Camera *camer
         code_of(sqrt(base.x), 65535.0f) | code_of(sqrt(base.y), 65535.0f) << 16,
         code_of(sqrt(base.z), 4095.0f) | code_of(metallic, 255.0f) << 12 | code_of(s.roughness, 4095.0f) << 20,
         max3(emission) > 0.0f ? pack_emission(emission) : 0u,
-        pack_normal24(s.normal) | (packed & TRIANGLE_MOVES ? SURFACE_MOVES : 0u),
+        pack_normal24(s.normal) | motion_of(scene, instance, packed),
         reflected,
     };
     return record;

@@ -54,7 +54,7 @@ typedef struct {
             srgb, lights, environment, direction_cells, emitters, light_nodes, glossy INSTANCES_ARGUMENT                     \
     }
 
-#define TRIANGLE_MATERIAL(packed) ((packed) & 0xfffffu)
+#define TRIANGLE_MATERIAL(packed) ((packed) & 0xffffu)
 #define TRIANGLE_LANE(packed) ((packed) >> 20 & 7u)
 #define TRIANGLE_LEAF_LENGTH(packed) (((packed) >> 23 & 7u) + 1u)
 
@@ -90,6 +90,16 @@ static uint place_in(const Scene *scene, uint instance, uint triangle)
 static uint leaf_place(const Scene *scene, uint triangle) { return place_in(scene, instance_of(scene, triangle), triangle); }
 
 static uint packed_of(const Scene *scene, uint triangle) { return scene->triangles[leaf_place(scene, triangle)].packed; }
+
+// What a record's `mapped` says of the motion of an instance's triangle.
+static uint motion_of(const Scene *scene, uint instance, uint packed)
+{
+#if HAS_INSTANCES
+    if (instance)
+        return scene->instances[instance].motion;
+#endif
+    return (packed & 0xf0000000u) | (packed << 8 & 0xf000000u);
+}
 
 // The instance in which a walk through the tree is, 0 for the world, and how deep its stack was where it came in.
 typedef struct {

@@ -47,7 +47,7 @@ typedef struct {
     float3 normals[3];    // of the vertices
     float3 geometric;     // unit, on the front
     float offset;         // how far rays start from it, metres
-    uint moves;           // SURFACE_MOVES or 0
+    uint motion;          // see `motion_of`
 #if HAS_INSTANCES
     uint instance;        // what places it, or 0
 #endif
@@ -98,7 +98,7 @@ static Facet facet_of(const Scene *scene, uint number, float3 origin, float3 low
     uint packed = triangle->packed;
     f.index = (uint3)(triangle->vertices[0], triangle->vertices[1], triangle->vertices[2]);
     f.material = scene->materials + TRIANGLE_MATERIAL(packed);
-    f.moves = packed & TRIANGLE_MOVES ? SURFACE_MOVES : 0u;
+    f.motion = motion_of(scene, instance, packed);
     float3 *v = f.corners;
     corners_in(scene, instance, place, v);
     float3 a = (v[0] - origin) - low, b = (v[1] - origin) - low, c = (v[2] - origin) - low;

@@ -73,6 +73,7 @@ typedef struct {
     uint first_place;
     uint first_triangle;
     uint count;
+    uint motion;
 } Instance;
 
 typedef struct {
@@ -200,8 +201,9 @@ typedef struct {
 #define PORTAL 0xfffffffeu
 #define TRIANGLE_ALPHA 0x4000000u
 #define TRIANGLE_DOUBLE_SIDED 0x8000000u
-#define TRIANGLE_MOVES 0x10000000u
+#define SURFACE_MOTION 0xff000000u
 #define SURFACE_MOVES 0x1000000u
+#define SURFACE_MOVER 0x19u
 #define UNTRACED 0xfffffffeu
 #define SUN_VISIBLE 0x80000000u
 #define CACHE_CELLS 0x40000u

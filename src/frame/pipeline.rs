@@ -246,6 +246,7 @@ impl Renderer {
             least_expected: self.least_expected,
             light_holds: self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused),
             light_changes: self.day.is_some() || self.moving.as_ref().is_some_and(|moving| !moving.rests()),
+            movers: self.state.as_ref().map_or_else(Arc::default, |state| state.movers().clone()),
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
             // Eyes come in pairs: wide views first, insets after them.

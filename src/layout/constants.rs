@@ -1,15 +1,16 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 25] {
+pub(super) fn named() -> [(&'static str, u32); 26] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
         ("PORTAL", PORTAL),
         ("TRIANGLE_ALPHA", TRIANGLE_ALPHA),
         ("TRIANGLE_DOUBLE_SIDED", TRIANGLE_DOUBLE_SIDED),
-        ("TRIANGLE_MOVES", TRIANGLE_MOVES),
+        ("SURFACE_MOTION", SURFACE_MOTION),
         ("SURFACE_MOVES", SURFACE_MOVES),
+        ("SURFACE_MOVER", SURFACE_MOVER),
         ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
@@ -43,10 +44,15 @@ pub const PORTAL: u32 = u32::MAX - 1;
 pub const TRIANGLE_ALPHA: u32 = 1 << 26;
 /// Seen from behind too.
 pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
-/// It is elsewhere in other frames.
-pub const TRIANGLE_MOVES: u32 = 1 << 28;
 /// In [`super::VisibilityRecord::mapped`]: what is seen is elsewhere in other frames.
 pub const SURFACE_MOVES: u32 = 1 << 24;
+/// From this bit of [`super::VisibilityRecord::mapped`] on: the number of what moves there as a whole, from 1 on; 0 where it
+/// has none. See [`crate::scene::animation::Movers`].
+pub const SURFACE_MOVER: u32 = 25;
+/// All bits of [`SURFACE_MOVES`] and [`SURFACE_MOVER`].
+pub const SURFACE_MOTION: u32 = 0xff << 24;
+/// Numbers of what moves as a whole at most: what records can hold.
+pub const MAX_MOVERS: usize = 127;
 /// In [`super::HitRecord::triangle`]: nothing was traced here, and nobody may follow it.
 pub const UNTRACED: u32 = u32::MAX - 1;
 /// In [`super::VisibilityRecord::normal`]: the sun's centre is visible.
@@ -66,4 +72,4 @@ pub const MATERIAL_SOLID: u32 = 8;
 /// In [`super::SampleRecord::toward`]: the surface has a normal map.
 pub const IS_MAPPED: u32 = 1 << 30;
 /// Materials at most: what [`super::Triangle::packed`] can hold.
-pub const MAX_MATERIALS: usize = 1 << 20;
+pub const MAX_MATERIALS: usize = 1 << 16;

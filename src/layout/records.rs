@@ -50,7 +50,7 @@ pub struct VisibilityRecord {
     /// Emitted radiance, or the background's: see [`super::pack_emission`].
     pub emission: u32,
     /// World-space normal with the surface's normal map, packed as `normal`; the same one without a map. Bit 24 is
-    /// [`super::SURFACE_MOVES`].
+    /// [`super::SURFACE_MOVES`], those from [`super::SURFACE_MOVER`] on the number of what moves as a whole.
     pub mapped: u32,
     /// On glossy surfaces, what the pixel expects to mirror: specular light divided by F0 as in [`SampleRecord`], from
     /// the environment filtered for its own normal and roughness, and where it is smooth from a ray of its own. Packed

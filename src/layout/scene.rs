@@ -6,9 +6,9 @@ shared_structs! {
 
 /// A triangle's vertices and material, in leaf order: 16 bytes.
 ///
-/// The last word: bits 0..20 the material, 20..23 the lane in its leaf, 23..26 the leaf's number of
-/// triangles less one, 26 [`super::TRIANGLE_ALPHA`], 27 [`super::TRIANGLE_DOUBLE_SIDED`], 28
-/// [`super::TRIANGLE_MOVES`].
+/// The last word: bits 0..16 the material, 20..23 the lane in its leaf, 23..26 the leaf's number of triangles less one, 26
+/// [`super::TRIANGLE_ALPHA`], 27 [`super::TRIANGLE_DOUBLE_SIDED`]; and of [`super::SURFACE_MOTION`] the lower half in 16..20,
+/// the upper one where it is there, in 28..32.
 pub struct Triangle {
     /// Vertex indices.
     pub vertices: [u32; 3],
@@ -35,6 +35,8 @@ pub struct Instance {
     pub first_triangle: u32,
     /// How many instances there are, with the world: the same in all.
     pub count: u32,
+    /// What [`super::VisibilityRecord::mapped`] says of its motion beside the normal.
+    pub motion: u32,
 }
 
 /// A use of a texture; `texture` is `u32::MAX` where there is none.

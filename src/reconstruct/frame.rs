@@ -1,6 +1,8 @@
 //! What a frame is made of, and where its pixels go.
 
-use glam::DVec2;
+use std::sync::Arc;
+
+use glam::{DMat4, DVec2};
 
 use super::Overlay;
 use crate::gpu::vulkan::{BufferRef, Encoding, Rect, Target};
@@ -30,6 +32,9 @@ pub struct Frame<'a> {
     pub light_holds: f32,
     /// Whether things or lights move, so that light may be other than it was in the last frame.
     pub light_changes: bool,
+    /// Where what moves as a whole is: `world_from_part` in metres, by the number that [`crate::layout::SURFACE_MOVER`] has
+    /// of it, less one; `None` where that is not known. The same numbers are of the same things in all frames.
+    pub movers: Arc<[Option<DMat4>]>,
     /// Where the eye is when the picture is seen: pixels are moved to where it sees them, by their depths
     /// (guided) or as if all were far away. `None` where that is where the view was traced from.
     pub shown_from: Option<Pose>,

@@ -9,22 +9,26 @@
 //! shadow's edge. The other eye lends what it has just traced, not what it has accumulated, so no estimate
 //! counts twice. Changes of light are told from noise by the mean brightness of twelve neighbours: where its
 //! quick mean leaves its slow one by more than three standard deviations and three hundredths, all estimates
-//! begin anew. A frame that finds one before it, seen from nearly the same place, sends `time.rays` of the
+//! begin anew. What moves as a whole is looked up where it was (`src/reconstruct/motions.rs`), and keeps less where it turns or
+//! light glides over it. A frame that finds one before it, seen from nearly the same place, sends `time.rays` of the
 //! light rays, by default half: at rest history makes up for more than that within a few frames. In motion it
 //! does not (docs/measurements.md), so all are sent. A surface that comes into view has no history there; it
 //! is filtered as a first frame is. `Renderer::forget` drops everything: after a cut, and between pictures
 //! that stand for themselves. The twin in `f64` is `src/reference/accumulate.rs`.
 
-use bytemuck::{Pod, Zeroable};
-use glam::DVec3;
+use std::sync::Arc;
 
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat4, DVec3};
+
+use super::motions::PackedMotion;
 use super::parameters::{PackedSpacing, Rays, rays};
 use super::reprojection::projection;
 use super::shaders;
 use super::tables::Tables;
 use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};
-use crate::layout::SampleRecord;
+use crate::layout::{MAX_MOVERS, SampleRecord};
 use crate::math::view::View;
 
 /// Bytes of a sample's ages and means, as `kernels/accumulate.wgsl` has them.
@@ -68,6 +72,8 @@ struct Kept {
     buffers: Buffers,
     positions: BufferRef,
     indices: BufferRef,
+    /// See [`super::Frame::movers`].
+    movers: Arc<[Option<DMat4>]>,
 }
 
 #[derive(Clone)]
@@ -108,6 +114,8 @@ pub(super) struct AccumulateParameters {
 /// What a frame brings along.
 pub(super) struct Fresh<'a> {
     pub view: &'a View,
+    /// See [`super::Frame::movers`].
+    pub movers: &'a Arc<[Option<DMat4>]>,
     pub samples: &'a BufferRef,
     /// One visibility record for each pixel.
     pub visibility: &'a BufferRef,
@@ -160,12 +168,17 @@ impl Accumulate {
         fresh: &Fresh<'_>,
     ) -> Result<BufferRef> {
         let other = other.filter(|_| self.reuse.eyes).map(|other| &other.0);
-        let sources = [Source::new(fresh.view, history.last.as_ref()), Source::new(fresh.view, other)];
+        let motions = history.last.as_ref().map_or_else(Vec::new, |last| {
+            PackedMotion::all(fresh.view, &last.view, &last.movers, fresh.movers)
+        });
+        let mut sources = [Source::new(fresh.view, history.last.as_ref()), Source::new(fresh.view, other)];
+        sources[0].size[3] = motions.len() as u32;
         let uniform = match history.sources.take() {
             Some(buffer) => buffer,
-            None => HostBuffer::new(context, size_of_val(&sources))?,
+            None => HostBuffer::new(context, size_of_val(&sources) + MAX_MOVERS * size_of::<PackedMotion>())?,
         };
         uniform.write(0, &sources);
+        uniform.write(size_of_val(&sources), &motions);
         let buffers = history.buffers(context, tables.count)?;
         commands.copy(fresh.samples, &buffers.fresh, tables.count * size_of::<SampleRecord>());
         commands.barrier();
@@ -187,6 +200,7 @@ impl Accumulate {
             buffers,
             positions: tables.positions().clone(),
             indices: tables.bands()[0].indices.clone(),
+            movers: fresh.movers.clone(),
         };
         let (last, lent) = (history.last.as_ref().unwrap_or(&now), other.unwrap_or(&now));
         let sources = BufferRef::from(&uniform);

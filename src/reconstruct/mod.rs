@@ -16,6 +16,7 @@ mod frame;
 mod grid;
 mod history;
 mod magnify;
+mod motions;
 mod overlay;
 mod parameters;
 mod pixels;
@@ -169,6 +170,7 @@ impl Reconstruction {
                 let (longest, light_changes) = (frame.light_holds, frame.light_changes);
                 let fresh = Fresh {
                     view,
+                    movers: &frame.movers,
                     samples,
                     visibility,
                     rays,

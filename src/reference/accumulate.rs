@@ -1,6 +1,6 @@
 //! Light carried from frame to frame and from eye to eye, in `f64`: what `kernels/accumulate.wgsl` does.
 
-use glam::{DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 
 use super::reconstruct::nearest;
 use crate::math::view::View;
@@ -17,8 +17,14 @@ pub const UNNOTICED: f64 = 0.03;
 pub const TELLING: f64 = 6.0;
 /// Least agreement of surfaces.
 pub const LEAST_AGREEMENT: f64 = 0.3;
-/// Estimates at most that a mean holds on surfaces that move.
-pub const MOVING_LONGEST: f64 = 1.0;
+/// Estimates at most that a mean holds on surfaces whose motion is known.
+pub const MOVING_LONGEST: f64 = 8.0;
+/// Radians by which a normal turns while a mean is made.
+pub const MOVING_TURN: f64 = 0.1;
+/// There, standard errors by which a neighbourhood's brightness may be off what it was without estimates being dropped.
+pub const GLIDES: f64 = 1.0;
+/// Share of a pixel's width from which on a surface is elsewhere than it was.
+pub const ELSEWHERE: f64 = 0.1;
 /// Where things or lights move, standard errors by which a neighbourhood's brightness is off what it was once light has
 /// changed; see `kernels/accumulate.wgsl`.
 pub const SUDDEN: f64 = 4.0;
@@ -50,8 +56,27 @@ pub struct Sample {
     pub sun: (f64, bool),
     /// The surface's perceptual roughness, 0 to 1.
     pub roughness: f64,
-    /// It is elsewhere in other frames.
-    pub moves: bool,
+    /// How its surface has moved since the last frame.
+    pub motion: Motion,
+}
+
+/// How a surface has moved since the last frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// It rests.
+    Still,
+    /// It moves, and nothing else is known.
+    Unknown,
+    /// As a whole: by the matrix that takes the world's points of it to where they were.
+    Whole(DMat4),
+}
+
+/// Where a sample's surface was, seen from the last frame's eye.
+struct Before {
+    point: DVec3,
+    normal: DVec3,
+    longest: f64,
+    alike_reflection: f64,
 }
 
 /// What is known of a sample besides its light.
@@ -122,16 +147,20 @@ fn one(
     let lent = other.and_then(|kept| look_across(kept, view, &sample, point, settings));
     let (lent_light, lent_gloss, lent_weight, lent_gloss_weight) = lent.unwrap_or_default();
     let (value, error) = brightness_around(view, fresh, index, settings);
-    let longest = if sample.moves { settings.longest.min(MOVING_LONGEST) } else { settings.longest };
+    let past = last.map(|kept| before(kept, view, &sample, point, settings));
+    let unknown = if sample.motion == Motion::Still { settings.longest } else { 1.0 };
+    let longest = past.as_ref().map_or(unknown, |past| past.longest);
     let mut history = History { ages: [0.0; 2], fast: value, slow: value, variance: 0.0 };
-    let mut before = (sample.diffuse, sample.specular, None);
-    if let Some((diffuse, specular, sun, old)) =
-        last.and_then(|kept| look_back(kept, view, &sample, point, settings))
+    let mut found = (sample.diffuse, sample.specular, None);
+    if let Some((past, (diffuse, specular, sun, old))) = last
+        .zip(past)
+        .and_then(|(kept, past)| look_back(kept, view, &sample, &past, settings).map(|old| (past, old)))
     {
         history = followed(&old, value, error.filter(|_| settings.light_changes), longest);
-        let offset = last.map_or(DVec3::ZERO, |kept| offset(view, &kept.view));
-        history.ages[1] *= alike_reflection(point, offset, sample.roughness);
-        before = (diffuse, specular, sun);
+        let kept = if sample.motion == Motion::Still { 1.0 } else { kept_in_motion(&old, value, error) };
+        history.ages[0] *= kept;
+        history.ages[1] *= kept * past.alike_reflection;
+        found = (diffuse, specular, sun);
     }
     let ages = [
         (history.ages[0] + 1.0 + lent_weight).min(longest),
@@ -139,10 +168,10 @@ fn one(
     ];
     let light = (sample.diffuse + lent_light * lent_weight) / (1.0 + lent_weight);
     let gloss = (sample.specular + lent_gloss * lent_gloss_weight) / (1.0 + lent_gloss_weight);
-    let seen = before.2.map_or(sample.sun.0, |sun: f64| sun + (sample.sun.0 - sun) / ages[0]);
+    let seen = found.2.map_or(sample.sun.0, |sun: f64| sun + (sample.sun.0 - sun) / ages[0]);
     let mixed = Sample {
-        diffuse: before.0.lerp(light, ((1.0 + lent_weight) / ages[0]).min(1.0)),
-        specular: before.1.lerp(gloss, ((1.0 + lent_gloss_weight) / ages[1]).min(1.0)),
+        diffuse: found.0.lerp(light, ((1.0 + lent_weight) / ages[0]).min(1.0)),
+        specular: found.1.lerp(gloss, ((1.0 + lent_gloss_weight) / ages[1]).min(1.0)),
         sun: (seen, sample.sun.1),
         ..sample
     };
@@ -198,15 +227,55 @@ fn alike_reflection(point: DVec3, offset: DVec3, roughness: f64) -> f64 {
     (-(turned / (roughness * roughness + 0.01)).powi(2)).exp()
 }
 
-/// The samples of a kept frame that lie around a point on its surface: index, agreement and weight of each.
+fn alike_after_motion(now: (DVec3, DVec3), was: (DVec3, DVec3), roughness: f64) -> f64 {
+    let mirrored = |(point, normal): (DVec3, DVec3)| point.normalize().reflect(normal);
+    let turned = 2.0 * (mirrored(now) - mirrored(was)).length();
+    (-(turned / (roughness * roughness + 0.01)).powi(2)).exp()
+}
+
+fn before(kept: &Kept, view: &View, sample: &Sample, point: DVec3, settings: &Settings) -> Before {
+    let (back, normal) = (offset(view, &kept.view), sample.normal);
+    let still = Before {
+        point: point + back,
+        normal,
+        longest: settings.longest,
+        alike_reflection: alike_reflection(point, back, sample.roughness),
+    };
+    let last_from_now = match sample.motion {
+        Motion::Still => return still,
+        Motion::Unknown => return Before { longest: 1.0, alike_reflection: 0.0, ..still },
+        Motion::Whole(matrix) => matrix,
+    };
+    let was = last_from_now.transform_point3(point + view.world_from_eye.position);
+    let was = (
+        was - kept.view.world_from_eye.position,
+        last_from_now.transform_vector3(normal).normalize_or(normal),
+    );
+    let is_elsewhere = (was.0 - still.point).length() > ELSEWHERE * pixel_width(view, sample) * sample.depth;
+    let most = if is_elsewhere { settings.longest.min(MOVING_LONGEST) } else { settings.longest };
+    Before {
+        point: was.0,
+        normal: was.1,
+        longest: (MOVING_TURN / (was.1 - normal).length()).clamp(1.0, most),
+        alike_reflection: alike_after_motion((point, normal), was, sample.roughness),
+    }
+}
+
+/// The part of what was found on a surface that moves which is kept.
+fn kept_in_motion(last: &History, value: f64, error: Option<f64>) -> f64 {
+    let limit = GLIDES.powi(2) * error.unwrap_or(0.0) + (UNNOTICED * last.slow).powi(2);
+    (limit / (value - last.slow).powi(2)).min(1.0)
+}
+
+/// The samples of a kept frame that lie around a point on its surface, relative to its eye: index, agreement and weight of
+/// each.
 fn around(
     kept: &Kept,
     view: &View,
     sample: &Sample,
-    point: DVec3,
+    (seen, normal): (DVec3, DVec3),
     settings: &Settings,
 ) -> Vec<(usize, f64, f64)> {
-    let seen = point + offset(view, &kept.view);
     let Some(at) = kept.view.project(kept.view.world_from_eye.rotation.inverse() * seen) else {
         return Vec::new();
     };
@@ -220,9 +289,7 @@ fn around(
     let weighed = |near: super::reconstruct::Neighbour| {
         let other = &kept.samples[near.sample];
         let agree = match usable(other) {
-            true => {
-                agreement(seen, sample.normal, point_of(&kept.view, other), other.normal, width, settings)
-            }
+            true => agreement(seen, normal, point_of(&kept.view, other), other.normal, width, settings),
             false => 0.0,
         };
         (near.sample, agree, agree * by_distance(other.at, at - 0.5))
@@ -238,10 +305,10 @@ fn agreed(found: &[(usize, f64, f64)]) -> f64 {
     found.iter().map(|(_, agree, _)| *agree).fold(0.0, f64::max)
 }
 
-type Before = (DVec3, DVec3, Option<f64>, History);
+type Found = (DVec3, DVec3, Option<f64>, History);
 
-fn look_back(kept: &Kept, view: &View, sample: &Sample, point: DVec3, settings: &Settings) -> Option<Before> {
-    let found = around(kept, view, sample, point, settings);
+fn look_back(kept: &Kept, view: &View, sample: &Sample, past: &Before, settings: &Settings) -> Option<Found> {
+    let found = around(kept, view, sample, (past.point, past.normal), settings);
     if agreed(&found) <= LEAST_AGREEMENT {
         return None;
     }
@@ -283,7 +350,7 @@ fn look_across(
     point: DVec3,
     settings: &Settings,
 ) -> Option<(DVec3, DVec3, f64, f64)> {
-    let found = around(kept, view, sample, point, settings);
+    let found = around(kept, view, sample, (point + offset(view, &kept.view), sample.normal), settings);
     let agreed = agreed(&found);
     if agreed <= LEAST_AGREEMENT {
         return None;

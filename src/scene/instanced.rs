@@ -92,8 +92,6 @@ pub struct InstancedShape {
     pub triangles: Range<usize>,
     /// Its vertices.
     pub vertices: Range<usize>,
-    /// Its instances move.
-    pub moves: bool,
 }
 
 /// A shape at a place.

@@ -16,11 +16,10 @@
 //! compare moving frames with. Rules: a part of which some vertex is not finite at an instant stays where it
 //! was; a triangle that motion has flattened gets a millionth of the scene's size as its width, since a line
 //! of no area would be met by rays that miss it; winding is that of the first instant; what is no part of the
-//! scene at the first instant, since it is not finite there, never comes. Reuse over time takes a moving
-//! surface for a still one, but its triangles say that they move, and light there begins anew in each frame
-//! (`MOVING_LONGEST`): carried to where other parts of the surface are, it made the squared error of a
-//! turning box several times that of a single frame. Where it has left its plane by more than the tolerance
-//! it begins anew. The cache of light forgets five times as fast. More than eight lights are chosen among by
+//! scene at the first instant, since it is not finite there, never comes. Triangles and instances of what moves as
+//! a whole say so by a number (`src/scene/animation/movers.rs`), by which reuse over time finds where each surface
+//! point was in the last frame (`point_before` in `kernels/accumulate.wgsl`); on what bends, and beyond 127 numbers,
+//! light begins anew in each frame. The cache of light forgets five times as fast. More than eight lights are chosen among by
 //! a tree, into which one that is dark at first never comes. What keeps its form and has many triangles is an instance of
 //! a shape instead (`src/scene/instanced.rs`): a matrix and a door in the top, nothing else, are made anew. Not done:
 //! deformation on the device.
@@ -34,19 +33,20 @@ use super::emitters::MovingEmitters;
 use super::moving_instances::MovingInstances;
 use super::moving_materials::MovingMaterials;
 use super::rebuild::Rebuild;
-use super::scene_buffers::{pack_lights, pack_material_of, pack_triangle};
+use super::scene_buffers::{Moved, pack_lights, pack_material_of, pack_triangle};
 use crate::bvh::compact::compact_nodes;
 use crate::bvh::parted::solid;
 use crate::bvh::wide::LeafSlot;
 use crate::bvh::{Parted, Trees};
 use crate::layout::{self, pack_normal};
-use crate::scene::animation::{Instant, Motion};
+use crate::scene::animation::{Instant, Motion, Movers};
 use crate::scene::{Instanced, Light, Scene, emitters};
 
 /// A scene's moving parts at an instant that goes on.
 #[derive(Debug)]
 pub struct MovingScene {
     motion: Arc<Motion>,
+    movers: Movers,
     /// Where the nodes beyond the skeleton's are, or were last, and whether what hangs on them is shown.
     given: Vec<(DMat4, bool)>,
     /// Where hands have put what they can seize, if they have.
@@ -115,6 +115,7 @@ pub struct SceneState {
     pub(super) instances: (usize, Vec<layout::Instance>),
     /// The box around all that is lit, where there are unlit surfaces too.
     pub(super) lit: Option<[Vec3; 2]>,
+    movers: Arc<[Option<DMat4>]>,
 }
 
 /// The box around all that is lit.
@@ -133,6 +134,7 @@ impl MovingScene {
         let relative = |triangle: &[u32; 3]| triangle.map(|vertex| vertex - first_vertex as u32);
         let size = scene.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
         let tangents = if mesh.tangents.is_empty() { &[][..] } else { &mesh.tangents[first_vertex..] };
+        let moved = Moved::of(scene);
         Some(MovingScene {
             given: motion.given.iter().map(|&place| (place, false)).collect(),
             put: Vec::new(),
@@ -157,10 +159,11 @@ impl MovingScene {
             rebuild: Rebuild::default(),
             rebuilt: false,
             packed: (first_triangle..mesh.triangles.len())
-                .map(|index| pack_material_of(scene, index))
+                .map(|index| pack_material_of(scene, &moved, index))
                 .collect(),
             shining: motion.parts.iter().map(|part| shines(scene, part.triangles.start)).collect(),
             motion: motion.clone(),
+            movers: moved.movers(),
         })
     }
 
@@ -262,6 +265,7 @@ impl MovingScene {
             light_nodes,
             materials: materials.unwrap_or_default(),
             instances: self.instances.as_ref().map(MovingInstances::records).unwrap_or_default(),
+            movers: self.movers.places(&instant.pose).into(),
             lit: self.lit.as_ref().and_then(|lit| lit.bounds(corners, self.instances.as_ref())),
         }
     }
@@ -296,6 +300,11 @@ impl MovingScene {
 }
 
 impl SceneState {
+    /// Where what moves as a whole is: see [`crate::reconstruct::Frame::movers`].
+    pub fn movers(&self) -> &Arc<[Option<DMat4>]> {
+        &self.movers
+    }
+
     /// The compact forms of the top and of the other nodes, made for the first device that asks.
     pub(super) fn compact(&self) -> &[Vec<layout::CompactNode>; 2] {
         self.compact.get_or_init(|| [compact_nodes(&self.top), compact_nodes(&self.nodes.1)])

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::scene_buffers::{instance_records, place_record};
+use super::scene_buffers::{Moved, instance_records, place_record};
 use crate::bvh::Trees;
 use crate::layout;
 use crate::scene::Scene;
@@ -27,7 +27,7 @@ impl MovingInstances {
         let first = motion.first_instance(instanced);
         let instances: Vec<_> = instanced.instances[first..].iter().copied().map(Some).collect();
         // After that of the world.
-        let records = instance_records(instanced, trees).ok()?.split_off(first + 1);
+        let records = instance_records(instanced, trees, &Moved::of(scene)).ok()?.split_off(first + 1);
         (!instances.is_empty()).then(|| MovingInstances {
             first,
             bounds: instanced.shape_bounds(),

@@ -243,7 +243,7 @@ impl Probe {
     fn launch(&self, kind: RayKind) -> Result<Event> {
         let (traversal, camera) = (self.traversal, &self.camera);
         let scene = SceneOf(Some(&self.scene), traversal);
-        let group = traversal.group_of_streams();
+        let group = traversal.group();
         let items = traversal.items_of_bundles(self.bundle_count, &self.device);
         let bundles = Grid { items, group };
         let (origins, directions, count) = (&self.origins, &self.directions, self.bundle_count as u32);

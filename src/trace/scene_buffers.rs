@@ -4,6 +4,7 @@ mod count;
 mod instances;
 mod instant;
 mod light;
+mod moved;
 mod pack;
 
 use std::sync::OnceLock;
@@ -20,6 +21,7 @@ use crate::scene::{Environment, Features, Mesh, Scene};
 
 pub use count::tree_bytes;
 pub(super) use instances::{instance_records, place_record};
+pub(super) use moved::Moved;
 
 use super::emitters::{PackedEmitters, lights_in_order};
 use pack::{cache_info, pack_color, pack_texels, pack_textures, pack_triangles, shading, srgb_codes};
@@ -156,7 +158,11 @@ impl SceneData {
         let uv = |slot: usize| (features.textures && has(&|mesh| !mesh.uvs[slot].is_empty())).then(Vec::new);
         let has_tangents =
             (features.normal_maps || features.layers) && has(&|mesh| !mesh.tangents.is_empty());
-        let instances = scene.instanced.as_ref().map(|shared| instance_records(shared, trees)).transpose()?;
+        let instances = scene
+            .instanced
+            .as_ref()
+            .map(|shared| instance_records(shared, trees, &Moved::of(scene)))
+            .transpose()?;
         Ok(SceneData {
             depth: trees.depth(),
             anchor: scene.anchor,

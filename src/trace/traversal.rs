@@ -64,10 +64,11 @@ impl Traversal {
         }
     }
 
-    /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size.
+    /// Work-items in a group. Fixed, since some drivers compile a kernel anew for every size. Packets are as wide as a
+    /// processor by themselves: a group of more makes PoCL's compiler widen them again, and end the program over it on some.
     pub(super) fn group(self) -> usize {
         match self {
-            Traversal::Packet => 8,
+            Traversal::Packet => 1,
             Traversal::SingleRay => 64,
         }
     }
@@ -101,14 +102,6 @@ impl Traversal {
         match self {
             Traversal::Packet => shares(streams, STREAMS, device),
             Traversal::SingleRay => streams,
-        }
-    }
-
-    /// Work-items in a group of those that share streams or blocks of samples.
-    pub(super) fn group_of_streams(self) -> usize {
-        match self {
-            Traversal::Packet => 1,
-            Traversal::SingleRay => self.group(),
         }
     }
 }

@@ -105,13 +105,12 @@ impl Idle {
         let scene = SceneOf(None, self.traversal);
         let Idle { words, hits, visibility, samples, counters, .. } = self;
         let grid = Grid { items: 1, group: self.traversal.group() };
-        let streams = Grid { items: 1, group: self.traversal.group_of_streams() };
         self.trace_pixels.launch(grid, scene, camera, words, 0, 0, hits, 0)?;
-        self.trace_samples.launch(streams, scene, camera, words, 0, 0, hits)?;
+        self.trace_samples.launch(grid, scene, camera, words, 0, 0, hits)?;
         self.describe_pixels.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
         self.share_edges.launch(grid, scene, camera, 1, words, 0, 0, hits, visibility, counters)?;
         self.shade_samples.launch(
-            streams, scene, camera, shading, words, 0, 0, hits, None, samples, info, None, None, counters,
+            grid, scene, camera, shading, words, 0, 0, hits, None, samples, info, None, None, counters,
         )?;
         self.device.finish()
     }

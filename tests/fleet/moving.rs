@@ -176,6 +176,10 @@ fn trees_of_a_moving_scene_are_sound() {
 /// with it than without, where things move and where they stay under light that moves.
 #[test]
 fn reuse_over_time_does_no_harm_to_what_moves() {
+    [Instancing::Flat, Instancing::Shared].into_iter().for_each(reuse_does_no_harm);
+}
+
+fn reuse_does_no_harm(instancing: Instancing) {
     let Some((info, context)) = machine() else { return };
     let device = Device::open(&info).unwrap();
     let folder = tempfile::tempdir().unwrap();
@@ -186,7 +190,7 @@ fn reuse_over_time_does_no_harm_to_what_moves() {
     let settings = |time: f64, reuse: bool, rays: u32| {
         let mut config = settings(time);
         (config.trace.indirect, config.time.reuse, config.trace.rays) = (Indirect::Paths, reuse, rays);
-        config.time.rays = 1.0;
+        (config.time.rays, config.scene.instancing) = (1.0, instancing);
         config
     };
     let last = |reuse: bool| {
@@ -214,6 +218,7 @@ fn reuse_over_time_does_no_harm_to_what_moves() {
             (0..moved.len()).filter(|&i| moved[i] == place).map(pixel).sum::<f64>()
         };
         let (with, without) = (error(&reused), error(&single));
+        eprintln!("XX {instancing:?} {place} {with} {without}");
         assert!(with <= 1.02 * without, "moved: {place}: {with} {without}");
     }
 }

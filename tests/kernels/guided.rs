@@ -108,6 +108,7 @@ fn shown(
         least_expected: LEAST,
         light_holds: f32::INFINITY,
         light_changes: false,
+        movers: Default::default(),
         exposure: 0.0,
         other: None,
         overlay: Default::default(),

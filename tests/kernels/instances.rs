@@ -72,7 +72,6 @@ fn instanced(world: Scene, shapes: &[Scene], instances: Vec<Instance>) -> Scene 
         kept.shapes.push(InstancedShape {
             triangles: first..mesh.triangles.len(),
             vertices: vertices..mesh.positions.len(),
-            moves: false,
         });
     }
     Scene { instanced: Some(Arc::new(kept)), ..world }

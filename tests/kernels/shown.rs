@@ -39,6 +39,7 @@ fn picture(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: false,
+        movers: Default::default(),
         overlay: Default::default(),
         shown_from: from,
         other: None,

@@ -1,15 +1,15 @@
 //! The pass against its twin in `f64`, over frames of two eyes that move in front of two walls.
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DMat4, DQuat, DVec2, DVec3};
 
 use super::*;
 use crate::gpu::vulkan::{Format, Image, testing};
-use crate::layout::{VisibilityRecord, pack_normal24};
+use crate::layout::{SURFACE_MOVER, SURFACE_MOVES, VisibilityRecord, pack_normal24};
 use crate::math::pose::Pose;
 use crate::math::spacing::{Axis, Spacing};
 use crate::math::view::FieldOfView;
 use crate::reconstruct::{Frame, Mode, Output, Reconstruction, Settings};
-use crate::reference::accumulate::{self, Sample};
+use crate::reference::accumulate::{self, Motion, Sample};
 
 const SIZE: (u32, u32) = (60, 40);
 const REUSE: Reuse = Reuse { frames: 8, eyes: true };
@@ -92,13 +92,40 @@ fn as_reference(record: &SampleRecord, packed: u32) -> Sample {
         normal: DVec3::from(crate::layout::unpack_normal24(record.normal).map(f64::from)),
         sun: (f64::from(record.normal >> 25) / 127.0, record.normal >> 24 & 1 == 1),
         roughness: 1.0,
-        moves: moves(packed & 0xffff, packed >> 16),
+        motion: Motion::Still,
     }
 }
 
-/// Which pixels see what moves.
-fn moves(x: u32, y: u32) -> bool {
-    (x / 8 + y / 8).is_multiple_of(4)
+/// What the record of a pixel says of its motion: every fourth block moves, some by numbers that there are, one by one of
+/// which no frame knows.
+fn mapped(x: u32, y: u32) -> u32 {
+    let (column, row) = (x / 8, y / 8);
+    match (column + row) % 4 {
+        0 => SURFACE_MOVES | (column % 4) << SURFACE_MOVER,
+        _ => 0,
+    }
+}
+
+/// Where the two things are that move as a whole: the first along the walls, with a jump; the other turns and is seldom
+/// known.
+fn movers(frame: u32) -> Vec<Option<DMat4>> {
+    let time = f64::from(frame);
+    let along = DVec3::new(0.0, 0.02 * time, if frame < 4 { 0.0 } else { 0.01 * time });
+    let turned = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.04 * time);
+    let turned = (!frame.is_multiple_of(5)).then(|| DMat4::from_rotation_translation(turned, DVec3::X));
+    vec![Some(DMat4::from_scale_rotation_translation(DVec3::splat(2.0), DQuat::IDENTITY, along)), turned]
+}
+
+/// As the twin has it.
+fn motion(packed: u32, frame: u32) -> Motion {
+    let mapped = mapped(packed & 0xffff, packed >> 16);
+    let number = (mapped >> SURFACE_MOVER) as usize;
+    let place = |frame: u32| number.checked_sub(1).and_then(|index| *movers(frame).get(index)?);
+    match (mapped & SURFACE_MOVES, frame.checked_sub(1).and_then(place), place(frame)) {
+        (0, ..) => Motion::Still,
+        (_, Some(was), Some(is)) => Motion::Whole(was * is.inverse()),
+        _ => Motion::Unknown,
+    }
 }
 
 /// Submits a frame of one eye; the records and histories that it leaves.
@@ -107,20 +134,18 @@ fn submit(
     view: &View,
     eye: usize,
     records: &[SampleRecord],
-    light_changes: bool,
+    (frame, light_changes): (u32, bool),
 ) -> (Vec<SampleRecord>, Vec<[f32; 8]>) {
     let context = reconstruction.context.clone();
     let samples = HostBuffer::new(&context, size_of_val(records)).unwrap();
     samples.write(0, records);
     let rough = VisibilityRecord { surface: 4095 << 20, ..VisibilityRecord::default() };
-    let moving = VisibilityRecord { mapped: crate::layout::SURFACE_MOVES, ..rough };
-    let pixels: Vec<VisibilityRecord> = (0..SIZE.0 * SIZE.1)
-        .map(|pixel| if moves(pixel % SIZE.0, pixel / SIZE.0) { moving } else { rough })
-        .collect();
+    let seen = |pixel| VisibilityRecord { mapped: mapped(pixel % SIZE.0, pixel / SIZE.0), ..rough };
+    let pixels: Vec<VisibilityRecord> = (0..SIZE.0 * SIZE.1).map(seen).collect();
     let visibility = HostBuffer::new(&context, size_of_val(&pixels[..])).unwrap();
     visibility.write(0, &pixels);
     let image = Image::new(&context, Format::R8G8B8A8_UNORM, SIZE.0, SIZE.1).unwrap();
-    let frame = Frame {
+    let shown = Frame {
         view,
         samples: (&samples).into(),
         visibility: Some((&visibility).into()),
@@ -128,13 +153,14 @@ fn submit(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes,
+        movers: movers(frame).into(),
         overlay: Default::default(),
         shown_from: None,
         other: Some(eye ^ 1),
         exposure: 0.0,
         outputs: &[Output::whole(image.target(), 0.0)],
     };
-    reconstruction.submit(eye, &frame).unwrap();
+    reconstruction.submit(eye, &shown).unwrap();
     let stages: Vec<_> = reconstruction.wait(eye).unwrap().iter().map(|time| time.stage).collect();
     assert!(stages.starts_with(&["accumulate", "filter"]), "{stages:?}");
     let kept = reconstruction.views[eye].history.last.as_ref().unwrap();
@@ -162,7 +188,7 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
     };
     let mut kept: [Option<accumulate::Kept>; 2] = [None, None];
     let mut lent: [Option<accumulate::Kept>; 2] = [None, None];
-    let (mut compared, mut carried, mut cut, mut undecided) = (0, 0, 0, 0);
+    let (mut compared, mut along, mut carried, mut cut, mut undecided) = (0, 0, 0, 0, 0);
     for frame in 0..9 {
         for eye_index in 0..2 {
             let view = eye(frame, eye_index);
@@ -171,8 +197,16 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
             reconstruction.set_pattern(eye_index, SIZE.0, SIZE.1, &samples).unwrap();
             let fresh: Vec<_> =
                 samples.iter().enumerate().map(|(i, &s)| traced(&view, s, frame, i)).collect();
-            let (records, histories) = submit(&mut reconstruction, &view, eye_index, &fresh, light_changes);
-            let twins: Vec<_> = fresh.iter().zip(&samples).map(|(r, &s)| as_reference(r, s)).collect();
+            let (records, histories) =
+                submit(&mut reconstruction, &view, eye_index, &fresh, (frame, light_changes));
+            let twins: Vec<_> = fresh
+                .iter()
+                .zip(&samples)
+                .map(|(record, &packed)| Sample {
+                    motion: motion(packed, frame),
+                    ..as_reference(record, packed)
+                })
+                .collect();
             let other = lent[1 - eye_index].as_ref();
             let (expected, ages) =
                 accumulate::accumulate(&view, &twins, kept[eye_index].as_ref(), other, &rules);
@@ -186,8 +220,10 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
                 }
                 let place = (frame, eye_index, index);
                 let aged = [0, 1].map(|part| (histories[index][part] - ages[index].ages[part] as f32).abs());
-                // Whether light has changed is a matter of rounding where it is just at the limit.
-                if aged[0] > 0.02 && ages[index].ages[0].min(histories[index][0].into()) < 2.5 {
+                // Whether light has changed is a matter of rounding where it is just at the limit, and so is whether enough
+                // neighbours tell how far it has.
+                let moves = twin.motion != Motion::Still;
+                if aged[0] > 0.02 && (moves || ages[index].ages[0].min(histories[index][0].into()) < 2.5) {
                     undecided += 1;
                     continue;
                 }
@@ -197,6 +233,8 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
                 assert!((found.sun.0 - twin.sun.0).abs() < 0.006, "{place:?}: {found:?} {twin:?}");
                 compared += 1;
                 carried += usize::from(ages[index].ages[0] > 3.0);
+                let moves = matches!(twin.motion, Motion::Whole(_));
+                along += usize::from(moves && ages[index].ages.iter().all(|age| *age > 3.0));
                 cut += usize::from(frame >= 6 && ages[index].ages[0] < 2.5 && twin.depth > 0.0);
             }
             // What is compared is one frame: the next begins with what the device has.
@@ -219,6 +257,7 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
         }
     }
     assert!(compared > 4000 && carried > 2000 && cut > 100, "{compared} {carried} {cut}");
+    assert!(along > 50, "{along} samples are carried along with what moves");
     assert!(undecided < compared / 100, "{undecided}");
     testing::assert_valid(&context);
 }
@@ -234,7 +273,7 @@ fn nothing_is_found_after_a_cut() {
     for frame in 0..3 {
         let fresh: Vec<_> = samples.iter().enumerate().map(|(i, &s)| traced(&view, s, frame, i)).collect();
         reconstruction.forget();
-        let (records, _) = submit(&mut reconstruction, &view, 0, &fresh, false);
+        let (records, _) = submit(&mut reconstruction, &view, 0, &fresh, (0, false));
         assert_eq!(bytemuck::cast_slice::<_, u8>(&records), bytemuck::cast_slice::<_, u8>(&fresh));
     }
 }

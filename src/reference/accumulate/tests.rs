@@ -37,7 +37,7 @@ fn wall(view: &View, light: impl Fn(DVec3) -> f64) -> Vec<Sample> {
                 normal: DVec3::Z,
                 sun: (1.0, true),
                 roughness: 1.0,
-                moves: false,
+                motion: Motion::Still,
             }
         })
         .collect()
@@ -145,4 +145,55 @@ fn shadows_that_move_leave_no_trail() {
     // 0.108 without telling the sides of the shadow apart, 0.175 without looking for sudden changes.
     let errors = [true, false].map(error_under_a_shadow);
     assert!(errors[0] < 0.09 && errors[1] < 0.168, "{errors:?}");
+}
+
+/// The mean error of what is known of a wall that slides, whose light goes with it, where its motion is told like this.
+fn error_on_a_sliding_wall(motion: Motion) -> f64 {
+    let at = |frame: u32| 0.05 * f64::from(frame);
+    let light = |frame: u32, place: DVec3| 3.0 + 2.0 * (place.x - at(frame)).sin();
+    let (mut kept, mut seed): (Option<Kept>, u64) = (None, 7);
+    let view = view(DVec3::ZERO, 0.0);
+    for frame in 0..24 {
+        let mut fresh = wall(&view, |place| light(frame, place));
+        fresh.iter_mut().for_each(|sample| {
+            sample.diffuse *= 0.5 + noise(&mut seed);
+            sample.motion = motion;
+        });
+        let settings = Settings { light_changes: false, ..SETTINGS };
+        let (samples, histories) = accumulate(&view, &fresh, kept.as_ref(), None, &settings);
+        kept = Some(Kept { view, samples, histories });
+    }
+    let kept = kept.expect("a frame");
+    let off = |sample: &Sample| (sample.diffuse.x / light(23, point_of(&view, sample)) - 1.0).abs();
+    kept.samples.iter().map(off).sum::<f64>() / kept.samples.len() as f64
+}
+
+#[test]
+fn light_goes_with_what_moves_as_a_whole() {
+    let told = Motion::Whole(DMat4::from_translation(DVec3::X * -0.05));
+    let [told, unknown, still] = [told, Motion::Unknown, Motion::Still].map(error_on_a_sliding_wall);
+    assert!(told < 0.7 * unknown && told < 0.7 * still, "{told} {unknown} {still}");
+}
+
+#[test]
+fn a_surface_that_turns_holds_less() {
+    let view = view(DVec3::ZERO, 0.0);
+    let ages = |angle: f64| {
+        let mut fresh = wall(&view, |_| 3.0);
+        // About its own place, where its plane stays under it.
+        fresh.iter_mut().for_each(|sample| {
+            let place = DMat4::from_translation(point_of(&view, sample));
+            sample.motion = Motion::Whole(place * DMat4::from_rotation_y(angle) * place.inverse());
+        });
+        let mut kept = Kept { view, samples: fresh.clone(), histories: Vec::new() };
+        kept.histories = vec![History { ages: [30.0; 2], fast: 3.0, slow: 3.0, variance: 0.1 }; fresh.len()];
+        let (_, histories) = accumulate(&view, &fresh, Some(&kept), None, &SETTINGS);
+        let sum = histories.iter().map(|history| history.ages[0]).sum::<f64>();
+        sum / histories.len() as f64
+    };
+    let [still, slowly, quickly] = [0.0, 0.01, 0.03].map(ages);
+    assert!(
+        still > 20.0 && (slowly - 10.0).abs() < 0.1 && (quickly - 3.33).abs() < 0.1,
+        "{still} {slowly} {quickly}"
+    );
 }

@@ -5,6 +5,7 @@
 mod clip;
 mod curve;
 mod motion;
+mod movers;
 mod paint;
 mod part;
 mod rigid;
@@ -13,6 +14,7 @@ mod skeleton;
 pub use clip::{Channel, Choice, Clip, ClipInfo, Property, choose};
 pub use curve::{Curve, Interpolation};
 pub use motion::{Instant, Motion, MovingLight, PlacedGlow};
+pub use movers::Movers;
 pub use paint::{Made, MovingMaterial, PLACED_TEXTURES, Paint, UvTransform};
 pub use part::{Geometry, Part, Skin, Target, Vertices, blended};
 pub use rigid::Rigid;

@@ -164,19 +164,25 @@ impl Skeleton {
 
     /// Which nodes move: those that clips move, these others, and all below them.
     pub fn moving(&self, others: &[usize]) -> Vec<bool> {
-        let mut moving = vec![false; self.rest.len()];
-        others.iter().for_each(|&node| moving[node] = true);
+        self.roots_of_motion(others).iter().map(Option::is_some).collect()
+    }
+
+    /// For each node the one that moves it as a whole: itself if clips move it or it is one of these others, else the nearest
+    /// above that is so; `None` where it rests.
+    pub fn roots_of_motion(&self, others: &[usize]) -> Vec<Option<usize>> {
+        let mut roots = vec![None; self.rest.len()];
+        others.iter().for_each(|&node| roots[node] = Some(node));
         for channel in self.clips.iter().flat_map(|clip| &clip.channels) {
             let moves =
                 matches!(channel.property, Property::Translation | Property::Rotation | Property::Scale);
             if moves {
-                moving[channel.node] = true;
+                roots[channel.node] = Some(channel.node);
             }
         }
         for &node in &self.order {
-            moving[node] |= self.parents[node].is_some_and(|parent| moving[parent]);
+            roots[node] = roots[node].or_else(|| self.parents[node].and_then(|parent| roots[parent]));
         }
-        moving
+        roots
     }
 }
 

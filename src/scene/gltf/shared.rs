@@ -100,7 +100,6 @@ impl<'a> Taken<'a> {
         self.shapes.push(InstancedShape {
             triangles: triangles..triangles + shape.triangles.len(),
             vertices: vertices..vertices + shape.positions.len(),
-            moves: surface.shape.moving.is_some(),
         });
         self.placed.push(shape);
         let own = group.flip * DMat4::from_translation(origin);

@@ -90,7 +90,6 @@ mod tests {
             shapes: vec![InstancedShape {
                 triangles: 0..full.mesh.triangles.len(),
                 vertices: 0..full.mesh.positions.len(),
-                moves: false,
             }],
             mesh: full.mesh.clone(),
             instances: vec![place; 3],

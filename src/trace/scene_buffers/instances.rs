@@ -3,6 +3,7 @@
 use glam::{DMat3, Mat4, Vec3};
 
 use super::SceneData;
+use super::moved::Moved;
 use super::pack::{pack_color, pack_still_material, pack_triangle};
 use crate::bvh::wide::{EMPTY, LEAF, WideNode};
 use crate::bvh::{Trees, WideBvh};
@@ -30,8 +31,7 @@ impl SceneData {
             self.triangles.extend(tree.order.iter().map(|slot| {
                 let index = slot.triangle as usize;
                 let vertices = own[index].map(|vertex| vertex + first_vertex as u32);
-                let moves = if shape.moves { layout::TRIANGLE_MOVES } else { 0 };
-                pack_triangle(vertices, pack_still_material(scene, materials[index]) | moves, slot)
+                pack_triangle(vertices, pack_still_material(scene, materials[index]), slot)
             }));
         }
         self.append_vertices(&scene.mesh, &instanced.mesh);
@@ -78,6 +78,7 @@ fn fill<T: Copy>(list: &mut Option<Vec<T>>, own: &[T], empty: T, before: usize, 
 pub(in crate::trace) fn instance_records(
     instanced: &Instanced,
     trees: Trees,
+    moved: &Moved,
 ) -> Result<Vec<layout::Instance>> {
     let count = instanced.instances.len() as u32 + 1;
     let rows = Mat4::IDENTITY.to_cols_array_2d();
@@ -87,13 +88,14 @@ pub(in crate::trace) fn instance_records(
     let (firsts, bounds) = (firsts(trees), instanced.shape_bounds());
     let mut list = vec![world];
     let mut first_triangle = trees.world.order.len() as u64;
-    for instance in &instanced.instances {
+    for (number, instance) in instanced.instances.iter().enumerate() {
         let shape = instance.shape as usize;
         let mut record = layout::Instance {
             root: firsts[shape].0 as u32,
             first_place: firsts[shape].1 as u32,
             first_triangle: first_triangle as u32,
             count,
+            motion: moved.instance(number),
             ..world
         };
         place_record(&mut record, instance, bounds[shape]);

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec4};
 use half::f16;
 
+use super::moved::Moved;
 use crate::bvh::WideBvh;
 use crate::bvh::wide::LeafSlot;
 use crate::error::{Error, Result};
@@ -26,9 +27,10 @@ pub(super) fn pack_color(color: &Vec4) -> [u16; 4] {
 }
 
 pub(super) fn pack_triangles(scene: &Scene, bvh: &WideBvh) -> Vec<layout::Triangle> {
+    let moved = Moved::of(scene);
     let pack = |slot: &LeafSlot| {
         let index = slot.triangle as usize;
-        pack_triangle(scene.mesh.triangles[index], pack_material_of(scene, index), slot)
+        pack_triangle(scene.mesh.triangles[index], pack_material_of(scene, &moved, index), slot)
     };
     bvh.order.iter().map(pack).collect()
 }
@@ -44,10 +46,8 @@ pub(in crate::trace) fn pack_triangle(
 }
 
 /// A triangle's material, and what hits need to know of it at once.
-pub(in crate::trace) fn pack_material_of(scene: &Scene, triangle: usize) -> u32 {
-    let packed = pack_still_material(scene, scene.mesh.materials[triangle]);
-    let moves = scene.motion.as_ref().is_some_and(|motion| triangle >= motion.first_triangle(&scene.mesh));
-    if moves { packed | layout::TRIANGLE_MOVES } else { packed }
+pub(in crate::trace) fn pack_material_of(scene: &Scene, moved: &Moved, triangle: usize) -> u32 {
+    pack_still_material(scene, scene.mesh.materials[triangle]) | moved.triangle(triangle)
 }
 
 /// The same of a triangle that does not move, by its material.

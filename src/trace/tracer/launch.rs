@@ -132,7 +132,7 @@ impl Tracer {
     ) -> Result<Event> {
         let traversal = self.traversals.pixels;
         let items = traversal.items_of_samples(part.samples.len(), &self.device);
-        let grid = Grid { items, group: traversal.group_of_streams() };
+        let grid = Grid { items, group: traversal.group() };
         let (first, count) = (part.samples.start, part.samples.len() as u32);
         let scene = SceneOf(Some(&self.scene), traversal);
         self.trace_samples.launch(grid, scene, camera, &pattern.samples, first, count, &self.hits)
@@ -151,7 +151,7 @@ impl Tracer {
         let items = traversal.items_of_streams(part.samples.len(), &self.device);
         let (info, keys, cells) = self.light.looked_up();
         self.shade_samples.launch(
-            Grid { items, group: traversal.group_of_streams() },
+            Grid { items, group: traversal.group() },
             SceneOf(Some(&self.scene), traversal),
             camera,
             shading,
