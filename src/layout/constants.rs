@@ -47,7 +47,7 @@ pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
 /// In [`super::VisibilityRecord::mapped`]: what is seen is elsewhere in other frames.
 pub const SURFACE_MOVES: u32 = 1 << 24;
 /// From this bit of [`super::VisibilityRecord::mapped`] on: the number of what moves there as a whole, from 1 on; 0 where it
-/// has none. See [`crate::scene::animation::Movers`].
+/// has none. See `src/scene/animation/movers.rs`.
 pub const SURFACE_MOVER: u32 = 25;
 /// All bits of [`SURFACE_MOVES`] and [`SURFACE_MOVER`].
 pub const SURFACE_MOTION: u32 = 0xff << 24;

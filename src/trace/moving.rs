@@ -300,7 +300,7 @@ impl MovingScene {
 }
 
 impl SceneState {
-    /// Where what moves as a whole is: see [`crate::reconstruct::Frame::movers`].
+    /// Where what moves as a whole is: `world_from_part` in metres by the number that records have of it, less one.
     pub fn movers(&self) -> &Arc<[Option<DMat4>]> {
         &self.movers
     }
