@@ -106,7 +106,7 @@ const MOVING_LONGEST = 8.0;
 // Radians by which a normal turns while a mean is made.
 const MOVING_TURN = 0.1;
 // There, standard errors by which a neighbourhood's brightness may be off what it was without estimates being dropped.
-const GLIDES = 1.0;
+const GLIDES = 2.0;
 // Share of a pixel's width from which on a surface is elsewhere than it was.
 const ELSEWHERE = 0.1;
 // Where things or lights move it has also where the neighbourhood's brightness is so many standard errors off what it was;

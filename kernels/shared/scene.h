@@ -55,8 +55,8 @@ typedef struct {
     }
 
 #define TRIANGLE_MATERIAL(packed) ((packed) & 0xffffu)
-#define TRIANGLE_LANE(packed) ((packed) >> 20 & 7u)
-#define TRIANGLE_LEAF_LENGTH(packed) (((packed) >> 23 & 7u) + 1u)
+#define TRIANGLE_LANE(packed) ((packed) >> 16 & 7u)
+#define TRIANGLE_LEAF_LENGTH(packed) (((packed) >> 19 & 7u) + 1u)
 
 // A triangle as hits name it: its place in leaf order; those of an instance go on after the world's and those of the
 // instances before, so that every one that can be seen has a number of its own.
@@ -98,7 +98,7 @@ static uint motion_of(const Scene *scene, uint instance, uint packed)
     if (instance)
         return scene->instances[instance].motion;
 #endif
-    return (packed & 0xf0000000u) | (packed << 8 & 0xf000000u);
+    return packed & SURFACE_MOTION;
 }
 
 // The instance in which a walk through the tree is, 0 for the world, and how deep its stack was where it came in.

@@ -199,8 +199,8 @@ typedef struct {
 #define LEAF 0x80000000u
 #define EMPTY 0xffffffffu
 #define PORTAL 0xfffffffeu
-#define TRIANGLE_ALPHA 0x4000000u
-#define TRIANGLE_DOUBLE_SIDED 0x8000000u
+#define TRIANGLE_ALPHA 0x400000u
+#define TRIANGLE_DOUBLE_SIDED 0x800000u
 #define SURFACE_MOTION 0xff000000u
 #define SURFACE_MOVES 0x1000000u
 #define SURFACE_MOVER 0x19u

@@ -27,7 +27,7 @@ use crate::trace::source::{self, probe_text};
 use crate::trace::{Traversal, Traversals};
 
 /// Changes whenever measurements of old are not to be trusted any more.
-const MEASURED_AS: &str = "foveate traversals 2";
+const MEASURED_AS: &str = "foveate traversals 3";
 /// A variant is taken over the one that is expected where it needs less than this part of its time.
 const CLEARLY: f64 = 0.9;
 /// After so long a variant that was of no use is tried again.

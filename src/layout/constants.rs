@@ -41,9 +41,9 @@ pub const LEAF: u32 = 1 << 31;
 /// instance's. In [`super::CompactNode::exponents`] the same; there `first_node` is the number.
 pub const PORTAL: u32 = u32::MAX - 1;
 /// A hit needs a look at the material's alpha.
-pub const TRIANGLE_ALPHA: u32 = 1 << 26;
+pub const TRIANGLE_ALPHA: u32 = 1 << 22;
 /// Seen from behind too.
-pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 27;
+pub const TRIANGLE_DOUBLE_SIDED: u32 = 1 << 23;
 /// In [`super::VisibilityRecord::mapped`]: what is seen is elsewhere in other frames.
 pub const SURFACE_MOVES: u32 = 1 << 24;
 /// From this bit of [`super::VisibilityRecord::mapped`] on: the number of what moves there as a whole, from 1 on; 0 where it

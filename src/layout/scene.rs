@@ -6,9 +6,8 @@ shared_structs! {
 
 /// A triangle's vertices and material, in leaf order: 16 bytes.
 ///
-/// The last word: bits 0..16 the material, 20..23 the lane in its leaf, 23..26 the leaf's number of triangles less one, 26
-/// [`super::TRIANGLE_ALPHA`], 27 [`super::TRIANGLE_DOUBLE_SIDED`]; and of [`super::SURFACE_MOTION`] the lower half in 16..20,
-/// the upper one where it is there, in 28..32.
+/// The last word: bits 0..16 the material, 16..19 the lane in its leaf, 19..22 the leaf's number of triangles less one, 22
+/// [`super::TRIANGLE_ALPHA`], 23 [`super::TRIANGLE_DOUBLE_SIDED`], 24..32 [`super::SURFACE_MOTION`].
 pub struct Triangle {
     /// Vertex indices.
     pub vertices: [u32; 3],

@@ -22,7 +22,7 @@ pub const MOVING_LONGEST: f64 = 8.0;
 /// Radians by which a normal turns while a mean is made.
 pub const MOVING_TURN: f64 = 0.1;
 /// There, standard errors by which a neighbourhood's brightness may be off what it was without estimates being dropped.
-pub const GLIDES: f64 = 1.0;
+pub const GLIDES: f64 = 2.0;
 /// Share of a pixel's width from which on a surface is elsewhere than it was.
 pub const ELSEWHERE: f64 = 0.1;
 /// Where things or lights move, standard errors by which a neighbourhood's brightness is off what it was once light has

@@ -28,8 +28,7 @@ impl Movers {
             motion.parts[given..].iter().map(|part| movers.number(root(part.node))).collect();
         let whole = |part: &Part| part.geometry.skin.is_none() && part.geometry.weights_node.is_none();
         for part in &motion.parts[..given] {
-            let number =
-                movers.number(Some(part).filter(|part| whole(part)).and_then(|part| root(part.node)));
+            let number = movers.number(if whole(part) { root(part.node) } else { None });
             movers.parts.push(number);
         }
         movers.parts.extend(last);

@@ -41,7 +41,7 @@ pub(in crate::trace) fn pack_triangle(
     material: u32,
     slot: &LeafSlot,
 ) -> layout::Triangle {
-    let packed = material | u32::from(slot.lane) << 20 | (u32::from(slot.leaf_len) - 1) << 23;
+    let packed = material | u32::from(slot.lane) << 16 | (u32::from(slot.leaf_len) - 1) << 19;
     layout::Triangle { vertices, packed }
 }
 
