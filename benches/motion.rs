@@ -18,7 +18,7 @@ use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::view::{FieldOfView, View};
 use foveate::metrics::stats::median;
 use foveate::scene::{default_viewpoint, generate};
-use foveate::trace::MovingScene;
+use foveate::trace::{DeformedBy, MovingScene};
 
 use common::moving::{balls, tube_of};
 
@@ -45,8 +45,9 @@ fn main() {
     let (balls, tube) = (write("balls", balls(1000)), write("tube", tube_of(201, 250)));
     println!("| what moves | triangles | to an instant, least | median | processor time |");
     println!("| --- | --- | --- | --- | --- |");
-    update("1000 rigid balls", &balls, frames);
-    update("a tube on 8 joints with 2 morph targets", &tube, frames);
+    update("1000 rigid balls", &balls, frames, DeformedBy::Host);
+    update("a tube on 8 joints with 2 morph targets", &tube, frames, DeformedBy::Host);
+    update("that tube, left to devices", &tube, frames, DeformedBy::Devices);
     let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
     let machine = Machine {
         device: Device::open(&info).expect("the device"),
@@ -65,10 +66,10 @@ fn config(time: f64) -> Config {
     config
 }
 
-fn update(name: &str, path: &Path, frames: usize) {
+fn update(name: &str, path: &Path, frames: usize, by: DeformedBy) {
     let loaded = Loaded::moving_from_file(path, &config(0.0)).expect("the scene");
     let parted = loaded.parted.as_ref().expect("moving parts");
-    let mut moving = MovingScene::new(&loaded.scene, loaded.trees(), parted).expect("a moving scene");
+    let mut moving = MovingScene::new(&loaded.scene, loaded.trees(), parted, by).expect("a moving scene");
     let (mut times, before) = (Vec::new(), cpu_time::of_all_threads());
     for frame in 0..frames {
         let start = Instant::now();

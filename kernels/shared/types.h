@@ -196,6 +196,27 @@ typedef struct {
     uint upper[3][2];
 } CompactNode;
 
+typedef struct {
+    float position[3];
+    uint vertex;
+    float normal[3];
+    uint first_influence;
+    float tangent[4];
+    uint first_morph;
+} RestVertex;
+
+typedef struct {
+    uint joint;
+    float share;
+} Influence;
+
+typedef struct {
+    float position[3];
+    uint weight;
+    float normal[3];
+    float tangent[3];
+} Morph;
+
 #define LEAF 0x80000000u
 #define EMPTY 0xffffffffu
 #define PORTAL 0xfffffffeu

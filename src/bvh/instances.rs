@@ -64,10 +64,10 @@ pub fn over_instances(still: WideBvh, boxes: &[(Vec3, Vec3)]) -> WideBvh {
     let mut binary = binary::build(&mut primitives, &|_| ());
     // Boxes that lie in each other are halved by count: stacks have an entry for each level.
     let most = 2 * primitives.len().max(2).next_power_of_two().ilog2();
-    if wide_over(&binary, &roots).1 > most {
+    if wide_over(&binary, &roots).depth > most {
         binary.halve_below(0);
     }
-    let top = wide_over(&binary, &roots).0.len();
+    let top = wide_over(&binary, &roots).nodes.len();
     let mut order = Vec::new();
     let mut below = Vec::new();
     if has_still {
@@ -77,7 +77,7 @@ pub fn over_instances(still: WideBvh, boxes: &[(Vec3, Vec3)]) -> WideBvh {
         }
         (order, below) = (part.order, part.nodes);
     }
-    let mut nodes = wide_over(&binary, &roots).0;
+    let mut nodes = wide_over(&binary, &roots).nodes;
     nodes.extend(below);
     WideBvh { nodes, order }
 }

@@ -20,6 +20,7 @@ pub mod wide;
 pub use instances::Trees;
 pub use parted::Parted;
 pub use refit::Refit;
+pub(crate) use refit::extent;
 pub use wide::{WideBvh, WideNode};
 
 /// Triangles in a leaf at most; what one vector of eight lanes tests at once.

@@ -79,6 +79,31 @@ impl PartTree {
         self.cost() / self.built
     }
 
+    /// The same where its triangles are elsewhere; `corners` tells, of each of them.
+    pub fn growth_at(&self, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> f64 {
+        let (mut moved, mut vertices) = (self.clone(), vec![0.0; self.order.len() * 9]);
+        moved.lay_out(&corners, &mut vertices);
+        moved.refit(&vertices);
+        moved.growth()
+    }
+
+    /// All nodes but the root, by how many levels are below each.
+    pub fn levels(&self) -> Vec<Vec<u32>> {
+        let (mut heights, mut levels) = (vec![0usize; self.nodes.len()], Vec::<Vec<u32>>::new());
+        for index in (0..self.nodes.len()).rev() {
+            let children = self.nodes[index].children;
+            if children.iter().all(|&child| child == EMPTY) {
+                continue;
+            }
+            let below = children.into_iter().filter(|child| child & LEAF == 0);
+            let height = below.map(|child| heights[child as usize - self.first_node] + 1).max().unwrap_or(0);
+            heights[index] = height;
+            levels.resize(levels.len().max(height + 1), Vec::new());
+            levels[height].push((self.first_node + index) as u32);
+        }
+        levels
+    }
+
     /// Boxes from the vertices of the leaves.
     pub(super) fn refit(&mut self, vertices: &[f32]) {
         let (first_place, first_node) = (self.first_place, self.first_node);

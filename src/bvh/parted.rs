@@ -14,7 +14,18 @@ use super::binary::{self, Bounds, Primitive};
 use super::binary_tree::{BinaryTree, eight_below};
 use super::part_tree::PartTree;
 use super::refit::extent;
-use super::wide::{WideBvh, WideNode};
+use super::wide::{EMPTY, WideBvh, WideNode};
+
+/// The top over all parts.
+#[derive(Clone, Debug)]
+pub struct Top {
+    /// As many nodes as there is room for.
+    pub nodes: Vec<WideNode>,
+    /// Where each part's root is among them; `None` of parts that are hidden.
+    pub roots: Vec<Option<u32>>,
+    /// Nodes above the roots of parts by how many levels of them are below each, none first.
+    pub levels: Vec<Vec<u32>>,
+}
 
 /// All parts, and the top over them.
 #[derive(Clone, Debug)]
@@ -27,6 +38,8 @@ pub struct Parted {
     doors: Vec<Option<WideNode>>,
     /// Parts that are nowhere.
     hidden: Vec<bool>,
+    /// Boxes around parts whose own boxes are fitted elsewhere: those of their trees here are out of date.
+    loose: Vec<Option<(Vec3, Vec3)>>,
     /// Nodes that the top has room for.
     pub top: usize,
     /// Levels that a part may have.
@@ -60,6 +73,7 @@ impl Parted {
             parts: Vec::new(),
             doors: instances.iter().map(|&(number, bounds)| Some(WideNode::portal(number, bounds))).collect(),
             hidden: vec![false; parts.len()],
+            loose: vec![None; parts.len()],
             top,
             depth,
         };
@@ -71,7 +85,7 @@ impl Parted {
             whole.order.extend_from_slice(&part.order);
             parted.parts.push(part);
         }
-        whole.nodes[..top].copy_from_slice(&parted.top_nodes());
+        whole.nodes[..top].copy_from_slice(&parted.top().nodes);
         (whole, parted)
     }
 
@@ -84,6 +98,16 @@ impl Parted {
     /// Leaves a part out of the top from now on, or takes it in again.
     pub fn hide(&mut self, part: usize, hidden: bool) {
         self.hidden[part] = hidden;
+    }
+
+    /// Leaves the boxes of a part to others from now on, who keep them in this one.
+    pub fn loosen(&mut self, part: usize, bounds: (Vec3, Vec3)) {
+        self.loose[part] = Some(bounds);
+    }
+
+    /// The box around a part whose boxes others keep.
+    pub fn loose(&self, part: usize) -> Option<(Vec3, Vec3)> {
+        self.loose[part]
     }
 
     /// Gives a part another tree over its triangles, the first of which is `first_triangle`. Not where that has more
@@ -110,41 +134,57 @@ impl Parted {
         count.max(2).next_power_of_two().ilog2()
     }
 
-    fn roots(&self) -> Vec<WideNode> {
-        let still = self.still.iter().copied();
-        let doors = self.doors.iter().flatten().copied();
-        let shown = self.parts.iter().zip(&self.hidden).filter(|(_, hidden)| !**hidden);
-        still.chain(shown.map(|(part, _)| part.root)).chain(doors).collect()
+    fn shown(&self) -> impl Iterator<Item = usize> {
+        (0..self.parts.len()).filter(|&part| !self.hidden[part])
     }
 
-    /// The top where the parts are now: as many nodes as it has room for.
-    pub fn top_nodes(&self) -> Vec<WideNode> {
-        let roots = self.roots();
-        let primitive = |(index, root): (usize, &WideNode)| {
-            let (lower, upper) = extent(root);
-            Primitive { bounds: Bounds { lower, upper }, triangle: index as u32 }
+    /// What the top leads to, each with its box: what stays, the parts that are shown, and the doors.
+    fn roots(&self) -> (Vec<WideNode>, Vec<(Vec3, Vec3)>) {
+        let tight = |root: WideNode| (root, extent(&root));
+        let part = |part: usize| {
+            let root = self.parts[part].root;
+            (root, self.loose[part].unwrap_or_else(|| extent(&root)))
         };
-        let mut primitives: Vec<Primitive> = roots.iter().enumerate().map(primitive).collect();
-        if primitives.is_empty() {
-            return vec![WideNode::VACANT; self.top];
-        }
-        let mut tree = binary::build(&mut primitives, &|_| ());
-        let (mut nodes, depth) = wide_over(&tree, &roots);
-        if depth > self.levels() {
-            tree.halve_below(0);
-            nodes = wide_over(&tree, &roots).0;
-        }
-        nodes.resize(self.top, WideNode::VACANT);
-        nodes
+        let doors = self.doors.iter().flatten().copied().map(tight);
+        self.still.into_iter().map(tight).chain(self.shown().map(part)).chain(doors).unzip()
     }
 
-    /// Fits all parts' boxes to where their triangles are now; `corners` tells, of each of them. Returns the vertex
-    /// coordinates of all parts in leaf order, as [`WideBvh::leaf_vertices`] has them, without padding.
-    pub fn refit(&mut self, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Vec<f32> {
-        let mut all = vec![0.0; self.parts.iter().map(|part| part.order.len() * 9).sum()];
+    /// The top where the parts are now.
+    pub fn top(&self) -> Top {
+        let (roots, boxes) = self.roots();
+        let primitive = |(triangle, &(lower, upper)): (u32, &(Vec3, Vec3))| Primitive {
+            bounds: Bounds { lower, upper },
+            triangle,
+        };
+        let mut primitives: Vec<Primitive> = (0..).zip(&boxes).map(primitive).collect();
+        let mut over = Over::default();
+        if !primitives.is_empty() {
+            let mut tree = binary::build(&mut primitives, &|_| ());
+            over = wide_over(&tree, &roots);
+            if over.depth > self.levels() {
+                tree.halve_below(0);
+                over = wide_over(&tree, &roots);
+            }
+        }
+        let levels = over.levels();
+        let mut top = Top { nodes: over.nodes, roots: vec![None; self.parts.len()], levels };
+        top.nodes.resize(self.top, WideNode::VACANT);
+        for (part, place) in
+            self.shown().zip(&over.places[usize::from(self.still.is_some()).min(over.places.len())..])
+        {
+            top.roots[part] = Some(*place);
+        }
+        top
+    }
+
+    /// Fits the boxes of a range of parts to where their triangles are now; `corners` tells, of each of them. Returns the
+    /// vertex coordinates of these parts in leaf order, as [`WideBvh::leaf_vertices`] has them, without padding.
+    pub fn refit(&mut self, parts: Range<usize>, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Vec<f32> {
+        let parts = &mut self.parts[parts];
+        let mut all = vec![0.0; parts.iter().map(|part| part.order.len() * 9).sum()];
         let mut left = &mut all[..];
-        let mut work = Vec::with_capacity(self.parts.len());
-        for part in &mut self.parts {
+        let mut work = Vec::with_capacity(parts.len());
+        for part in parts {
             let (own, rest) = std::mem::take(&mut left).split_at_mut(part.order.len() * 9);
             work.push((part, own));
             left = rest;
@@ -157,9 +197,37 @@ impl Parted {
     }
 }
 
-/// Eight children a node over a binary tree whose leaves stand for `roots`, and its levels above these.
-pub(super) fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> (Vec<WideNode>, u32) {
-    let (mut nodes, mut deepest) = (vec![WideNode::VACANT], 0);
+/// Nodes over roots of trees.
+#[derive(Debug, Default)]
+pub(super) struct Over {
+    /// All of them, with the roots.
+    pub nodes: Vec<WideNode>,
+    /// Where each root is among them.
+    places: Vec<u32>,
+    /// Levels above the roots.
+    pub depth: u32,
+}
+
+impl Over {
+    /// Nodes other than the roots, by how many levels of them are below each.
+    fn levels(&self) -> Vec<Vec<u32>> {
+        let mut is_root = vec![false; self.nodes.len()];
+        self.places.iter().for_each(|&place| is_root[place as usize] = true);
+        let (mut heights, mut levels) = (vec![0usize; self.nodes.len()], Vec::<Vec<u32>>::new());
+        for index in (0..self.nodes.len()).rev().filter(|&index| !is_root[index]) {
+            let children = self.nodes[index].children.into_iter().filter(|&child| child != EMPTY);
+            let below = children.filter(|&child| !is_root[child as usize]);
+            heights[index] = below.map(|child| heights[child as usize] + 1).max().unwrap_or(0);
+            levels.resize(levels.len().max(heights[index] + 1), Vec::new());
+            levels[heights[index]].push(index as u32);
+        }
+        levels
+    }
+}
+
+/// Eight children a node over a binary tree whose leaves stand for `roots`.
+pub(super) fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> Over {
+    let (mut nodes, mut places, mut deepest) = (vec![WideNode::VACANT], vec![0; roots.len()], 0);
     let mut pending = vec![(0, 0usize, 1u32)];
     let opened = |at| Some((tree.bounds(at).half_area(), tree.children(at)?));
     while let Some((root, wide, depth)) = pending.pop() {
@@ -170,13 +238,15 @@ pub(super) fn wide_over(tree: &BinaryTree, roots: &[WideNode]) -> (Vec<WideNode>
                 nodes.push(WideNode::VACANT);
                 pending.push((child, index, depth + 1));
             } else {
-                nodes.push(roots[tree.triangle(child) as usize]);
+                let root = tree.triangle(child) as usize;
+                places[root] = index as u32;
+                nodes.push(roots[root]);
             }
             let bounds = tree.bounds(child);
             nodes[wide].set(slot, (bounds.lower, bounds.upper), index as u32);
         }
     }
-    (nodes, deepest)
+    Over { nodes, places, depth: deepest }
 }
 
 /// A triangle that motion has flattened, with an area again: kernels cannot tell a line or a point from what a ray
@@ -232,7 +302,7 @@ mod tests {
 
     fn whole_of(whole: &WideBvh, parted: &Parted) -> WideBvh {
         let mut tree = whole.clone();
-        tree.nodes[..parted.top].copy_from_slice(&parted.top_nodes());
+        tree.nodes[..parted.top].copy_from_slice(&parted.top().nodes);
         for part in &parted.parts {
             tree.nodes[part.first_node..part.first_node + part.nodes.len()].copy_from_slice(&part.nodes);
         }
@@ -264,7 +334,7 @@ mod tests {
                 })
                 .collect();
             let corners = |triangle: u32| triangles[triangle as usize].map(|vertex| moved[vertex as usize]);
-            let own = parted.refit(corners);
+            let own = parted.refit(0..parted.parts.len(), corners);
             let tree = whole_of(&whole, &parted);
             tree.validate(&moved, &triangles).unwrap_or_else(|problem| panic!("{count}: {problem}"));
             assert!(tree.depth() <= parted.depth(), "{count}: {} {}", tree.depth(), parted.depth());

@@ -3,7 +3,8 @@
 //!
 //! **Refit.** `WideBvh::refit` moves the boxes of a built tree to where its vertices are now, from the leaves
 //! up, and tells the change of cost, so that a caller can decide for a new tree. Compact nodes are made from
-//! the wide ones in a linear pass. A moving part's tree is fitted in the same way (`src/bvh/parted.rs`).
+//! the wide ones in a linear pass. A moving part's tree is fitted in the same way (`src/bvh/parted.rs`), or by
+//! devices (`kernels/refit.cl`).
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -76,7 +77,7 @@ impl WideBvh {
 }
 
 /// The box around a node's children. Empty slots are inverted and infinite, and change nothing.
-pub(super) fn extent(node: &WideNode) -> (Vec3, Vec3) {
+pub(crate) fn extent(node: &WideNode) -> (Vec3, Vec3) {
     let fold = |rows: &[[f32; 8]; 3], start: f32, f: fn(f32, f32) -> f32| {
         Vec3::from_array(rows.map(|row| row.into_iter().fold(start, f)))
     };

@@ -22,6 +22,8 @@ pub struct TraceConfig {
     pub seed: u32,
     /// Which variant of the kernels is used.
     pub traversal: TraversalConfig,
+    /// Who deforms skinned and morphed meshes.
+    pub deform: DeformConfig,
 }
 
 /// Where light comes from that surfaces have reflected.
@@ -32,6 +34,31 @@ pub enum Indirect {
     Cache,
     /// Paths alone, of as many bounces as are given.
     Paths,
+}
+
+/// Who deforms skinned and morphed meshes, and fits their trees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeformConfig {
+    /// The devices, where all of them are GPUs.
+    Auto,
+    /// The host, for all devices.
+    Host,
+    /// Each device.
+    Device,
+}
+
+impl DeformConfig {
+    /// Who does it for devices of these kinds. All get their parts in the same way, so that they trace the same world.
+    pub fn by<'a>(self, mut kinds: impl Iterator<Item = &'a str>) -> trace::DeformedBy {
+        match self {
+            DeformConfig::Host => trace::DeformedBy::Host,
+            DeformConfig::Device => trace::DeformedBy::Devices,
+            // Processors share the host's cores and memory: there it would do the same for each device again.
+            DeformConfig::Auto if kinds.all(|kind| kind == "gpu") => trace::DeformedBy::Devices,
+            DeformConfig::Auto => trace::DeformedBy::Host,
+        }
+    }
 }
 
 /// A variant of the kernels, or the fastest ones.
@@ -81,6 +108,23 @@ impl Default for TraceConfig {
             edge_rays: 2,
             seed: 0,
             traversal: TraversalConfig::Auto,
+            deform: DeformConfig::Auto,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::DeformedBy::{Devices, Host};
+
+    #[test]
+    fn devices_deform_where_all_are_gpus() {
+        let by = |config: DeformConfig, kinds: &[&str]| config.by(kinds.iter().copied());
+        assert_eq!(by(DeformConfig::Auto, &["gpu", "gpu"]), Devices);
+        for other in ["cpu", "accelerator"] {
+            assert_eq!(by(DeformConfig::Auto, &["gpu", other]), Host);
+        }
+        assert_eq!([by(DeformConfig::Host, &["gpu"]), by(DeformConfig::Device, &["cpu"])], [Host, Devices]);
     }
 }

@@ -6,6 +6,7 @@
 
 mod cache;
 mod constants;
+mod deform;
 mod frame;
 mod kernel_type;
 mod packing;
@@ -17,6 +18,7 @@ mod tree;
 
 pub use cache::{CacheCell, CacheInfo, CacheSum};
 pub use constants::*;
+pub use deform::{Influence, Morph, RestVertex};
 pub use frame::{Camera, HitRecord, Shading};
 pub use packing::{
     pack_emission, pack_normal, pack_normal24, pack_surface, unpack_emission, unpack_normal, unpack_normal24,
@@ -32,7 +34,9 @@ pub use tree::{CompactNode, WideNode};
 /// The text of `kernels/shared/types.h`.
 pub fn types_header() -> String {
     let mut header = String::from("// Written from src/layout/: change it there.\n\n");
-    for structs in [records::opencl, frame::opencl, scene::opencl, cache::opencl, tree::opencl] {
+    for structs in
+        [records::opencl, frame::opencl, scene::opencl, cache::opencl, tree::opencl, deform::opencl]
+    {
         header += &structs();
     }
     for (name, value) in constants::named() {

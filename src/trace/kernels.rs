@@ -4,7 +4,8 @@
 use crate::error::Result;
 use crate::gpu::opencl::{Arg, Buffer, Event, Kernel, Program};
 use crate::layout::{
-    CacheCell, CacheInfo, CacheSum, Camera, HitRecord, SampleRecord, Shading, VisibilityRecord,
+    CacheCell, CacheInfo, CacheSum, Camera, CompactNode, HitRecord, Influence, Morph, RestVertex,
+    SampleRecord, Shading, Triangle, VisibilityRecord, WideNode,
 };
 
 use super::{SceneBuffers, Traversal};
@@ -63,7 +64,7 @@ macro_rules! by_value {
         }
     )*};
 }
-by_value!(Camera, Shading, CacheInfo);
+by_value!(Camera, Shading, CacheInfo, f32);
 
 macro_rules! kernels {
     ($($(#[$doc:meta])* $type:ident = $name:ident($($arg:ident: $given:ty),* $(,)?);)*) => {
@@ -147,6 +148,22 @@ kernels! {
     );
     /// Gives up cells that no path has passed for long.
     ForgetCells = forget_cells(info: &CacheInfo, keys: &Buffer<u32>, cells: &Buffer<CacheCell>);
+    /// Puts vertices of moving parts where they are, and turns their normals and tangents.
+    DeformVertices = deform_vertices(
+        rest: &Buffer<RestVertex>, count: u32, influences: &Buffer<Influence>, morphs: &Buffer<Morph>,
+        weights: &Buffer<f32>, joints: &Buffer<f32>, first_vertex: u32, positions: &Buffer<f32>,
+        normals: &Buffer<u32>, tangents: Option<&Buffer<[f32; 4]>>,
+    );
+    /// Puts triangles where their vertices are.
+    PlaceTriangles = place_triangles(
+        triangles: &Buffer<Triangle>, first: u32, count: u32, positions: &Buffer<f32>, first_vertex: u32,
+        width: &f32, leaves: &Buffer<f32>,
+    );
+    /// Fits the boxes of nodes to what is below them.
+    FitNodes = fit_nodes(
+        wide: Option<&Buffer<WideNode>>, compact: Option<&Buffer<CompactNode>>, list: &Buffer<u32>, first: u32,
+        count: u32, leaves: &Buffer<f32>, top: u32, first_node: u32, boxes: &Buffer<f32>,
+    );
     /// Whether rays in bundles hit anything.
     OccludedBundles = occluded_bundles(
         scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32, hidden: &Buffer<u32>,
@@ -187,9 +204,10 @@ mod tests {
         match (buffer.map(|element| element.trim_end_matches('>')), given.as_str()) {
             (Some("u32"), _) => "uint *".to_string(),
             (Some("u8"), _) => "uchar *".to_string(),
-            (Some("[f32;3]"), _) => "float *".to_string(),
+            (Some("f32" | "[f32;3]" | "[f32;4]"), _) => "float *".to_string(),
             (Some(element), _) => format!("{element} *"),
             (None, "u32") => "uint".to_string(),
+            (None, "&f32") => "float".to_string(),
             (None, value) => value.trim_start_matches('&').to_string(),
         }
     }

@@ -9,13 +9,16 @@
 //! (`kernels/shared/random.h`).
 
 mod daylight;
+mod deform;
 mod emitters;
 mod fleet;
 mod kernels;
 mod light_cache;
 mod moving;
 mod moving_instances;
+mod moving_looks;
 mod moving_materials;
+mod moving_parts;
 pub mod numbers;
 pub mod probe;
 mod rebuild;
@@ -29,8 +32,8 @@ mod worker;
 
 pub use daylight::{MovingSky, SkyState};
 pub use fleet::{Fleet, Opener, Round, State, Tried};
-pub use moving::{MovingScene, SceneState};
-pub use scene_buffers::{BufferBytes, SceneBuffers, SceneData, tree_bytes};
+pub use moving::{DeformedBy, MovingScene, SceneState};
+pub use scene_buffers::{BufferBytes, SceneBuffers, SceneContents, SceneData, tree_bytes};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera, try_kernels};
 pub use traversal::{Traversal, Traversals};
 pub use worker::{DeviceWorker, Job, PartResult, SampleTarget, Worker};

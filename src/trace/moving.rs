@@ -21,17 +21,21 @@
 //! point was in the last frame (`point_before` in `kernels/accumulate.wgsl`); on what bends, and beyond 127 numbers,
 //! light begins anew in each frame. The cache of light forgets five times as fast. More than eight lights are chosen among by
 //! a tree, into which one that is dark at first never comes. What keeps its form and has many triangles is an instance of
-//! a shape instead (`src/scene/instanced.rs`): a matrix and a door in the top, nothing else, are made anew. Not done:
-//! deformation on the device.
+//! a shape instead (`src/scene/instanced.rs`): a matrix and a door in the top, nothing else, are made anew. Skinned
+//! and morphed parts are deformed by devices themselves where that is wanted: see `src/trace/deform.rs`.
 
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::deform::{Deformation, Deformed, runs_of};
 use super::emitters::MovingEmitters;
 use super::moving_instances::MovingInstances;
+use super::moving_looks::Looks;
 use super::moving_materials::MovingMaterials;
+use super::moving_parts::PartsState;
 use super::rebuild::Rebuild;
 use super::scene_buffers::{Moved, pack_lights, pack_material_of, pack_triangle};
 use crate::bvh::compact::compact_nodes;
@@ -41,6 +45,15 @@ use crate::bvh::{Parted, Trees};
 use crate::layout::{self, pack_normal};
 use crate::scene::animation::{Instant, Motion, Movers};
 use crate::scene::{Instanced, Light, Scene, emitters};
+
+/// Who deforms skinned and morphed parts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeformedBy {
+    /// The host, once for all devices, which get triangles and boxes.
+    Host,
+    /// Each device, from matrices and weights.
+    Devices,
+}
 
 /// A scene's moving parts at an instant that goes on.
 #[derive(Debug)]
@@ -56,7 +69,7 @@ pub struct MovingScene {
     anchor: DVec3,
     parted: Parted,
     /// Triangles of each part in terms of its own vertices.
-    own: Vec<Vec<[u32; 3]>>,
+    own: Arc<Vec<Vec<[u32; 3]>>>,
     /// Of the moving triangles, in terms of the moving vertices.
     triangles: Vec<[u32; 3]>,
     first_triangle: usize,
@@ -80,6 +93,10 @@ pub struct MovingScene {
     rebuilt: bool,
     /// What kernels know of each moving triangle's material.
     packed: Vec<u32>,
+    /// Parts that devices deform.
+    deformation: Option<Deformation>,
+    /// Ranges of the others.
+    runs: Vec<Range<usize>>,
     /// Parts that shine: kernels find emitters by their places, so that their trees stay.
     shining: Vec<bool>,
 }
@@ -94,16 +111,11 @@ pub struct SceneState {
     pub(super) rests: bool,
     /// The tree's first nodes.
     pub(super) top: Vec<layout::WideNode>,
-    /// Its nodes from a place on.
-    pub(super) nodes: (usize, Vec<layout::WideNode>),
-    compact: OnceLock<[Vec<layout::CompactNode>; 2]>,
-    /// Vertices in leaf order from a place on.
-    pub(super) leaves: (usize, Vec<f32>),
-    /// Triangles in leaf order from a place on, where some part has another tree than at first.
-    pub(super) triangles: (usize, Vec<layout::Triangle>),
-    /// Normals and tangents from a vertex on.
-    pub(super) normals: (usize, Vec<u32>),
-    pub(super) tangents: (usize, Vec<[f32; 4]>),
+    compact_top: OnceLock<Vec<layout::CompactNode>>,
+    /// Parts that the host has brought there.
+    pub(super) parts: Vec<PartsState>,
+    /// Those that devices bring there.
+    pub(super) deformed: Option<Deformed>,
     /// All punctual lights, where some move.
     pub(super) lights: Vec<layout::Light>,
     /// All emitters and the tree over them, where some move.
@@ -122,26 +134,28 @@ pub struct SceneState {
 #[derive(Debug)]
 struct Lit {
     still: Option<[Vec3; 2]>,
-    /// Moving triangles that are lit.
+    /// Moving triangles that are lit, of parts that the host brings where they are.
     moving: Vec<u32>,
+    /// Other parts that are lit.
+    parts: Vec<usize>,
 }
 
 impl MovingScene {
     /// The moving parts of a scene, where it has any, whose trees are `parted` and with all others `trees`.
-    pub fn new(scene: &Scene, trees: Trees, parted: &Parted) -> Option<Self> {
+    pub fn new(scene: &Scene, trees: Trees, parted: &Parted, by: DeformedBy) -> Option<Self> {
         let (motion, mesh) = (scene.motion.as_ref()?, &scene.mesh);
         let (first_vertex, first_triangle) = (motion.first_vertex(mesh), motion.first_triangle(mesh));
         let relative = |triangle: &[u32; 3]| triangle.map(|vertex| vertex - first_vertex as u32);
         let size = scene.bounds().map_or(0.0, |(low, high)| (high - low).max_element());
         let tangents = if mesh.tangents.is_empty() { &[][..] } else { &mesh.tangents[first_vertex..] };
         let moved = Moved::of(scene);
-        Some(MovingScene {
+        let mut moving = MovingScene {
             given: motion.given.iter().map(|&place| (place, false)).collect(),
             put: Vec::new(),
             rests: false,
             anchor: scene.anchor,
             parted: parted.clone(),
-            own: motion.own_triangles(mesh),
+            own: Arc::new(motion.own_triangles(mesh)),
             triangles: mesh.triangles[first_triangle..].iter().map(relative).collect(),
             first_triangle,
             first_vertex,
@@ -162,9 +176,32 @@ impl MovingScene {
                 .map(|index| pack_material_of(scene, &moved, index))
                 .collect(),
             shining: motion.parts.iter().map(|part| shines(scene, part.triangles.start)).collect(),
+            deformation: None,
+            runs: runs_of(&vec![false; motion.parts.len()], false),
             motion: motion.clone(),
             movers: moved.movers(),
-        })
+        };
+        if by == DeformedBy::Devices {
+            moving.leave_to_devices();
+        }
+        Some(moving)
+    }
+
+    /// Lets devices deform what they can from now on.
+    fn leave_to_devices(&mut self) {
+        let motion = self.motion.clone();
+        let pose = motion.pose(motion.start, &motion.given, &[]);
+        let may = |part: usize| !self.shining[part];
+        let triangles = |parts| self.triangles(parts);
+        let made = Deformation::of(&motion, (&pose, self.anchor), may, &self.parted, triangles, self.width);
+        let Some(mut deformation) = made else { return };
+        deformation.take(&motion, &pose, self.anchor, &mut self.parted);
+        let left: Vec<bool> = (0..motion.parts.len()).map(|part| deformation.has(part)).collect();
+        self.runs = runs_of(&left, false);
+        if let Some(lit) = &mut self.lit {
+            lit.leave(&motion, &left);
+        }
+        self.deformation = Some(deformation);
     }
 
     /// The time for which the scene was loaded, in seconds since its animations began.
@@ -212,8 +249,15 @@ impl MovingScene {
             self.parted.hide(first_given + index, !shown);
         }
         self.rests = self.is_empty();
-        let instant = self.motion.with(self.motion.pose(time, &given, &self.put), self.anchor, &self.own);
+        let motion = self.motion.clone();
+        let deformation = self.deformation.as_ref();
+        let by_host = |part: usize| !deformation.is_some_and(|deformation| deformation.has(part));
+        let pose = motion.pose(time, &given, &self.put);
+        let instant = motion.with(pose, self.anchor, &self.own, &by_host);
         self.take(&instant);
+        if let Some(deformation) = &mut self.deformation {
+            deformation.take(&motion, &instant.pose, self.anchor, &mut self.parted);
+        }
         let materials = self.materials.as_mut().map(|materials| materials.at(&self.motion, &instant.pose));
         if let Some(instances) = &self.instances {
             self.parted.place(instances.doors());
@@ -224,38 +268,45 @@ impl MovingScene {
             let own = triangles[(triangle - first_triangle) as usize];
             solid(own.map(|vertex| positions[vertex as usize]), width)
         };
-        let mut leaves = self.parted.refit(corners);
-        self.serial += 1;
-        let vertices = |part: usize| {
-            let range = &self.motion.parts[part].vertices;
-            positions[range.start - self.first_vertex..range.end - self.first_vertex].to_vec()
+        let refit = |parted: &mut Parted| -> Vec<Vec<f32>> {
+            self.runs.iter().map(|run| parted.refit(run.clone(), corners)).collect()
         };
-        let ranges = |part: usize| self.motion.parts[part].triangles.clone();
-        let may = |part: usize| !self.shining[part];
-        if self.rebuild.look_after(self.serial, &mut self.parted, &self.own, vertices, ranges, may) {
+        let mut leaves = refit(&mut self.parted);
+        self.serial += 1;
+        let looks = Looks {
+            motion: &motion,
+            pose: &instant.pose,
+            anchor: self.anchor,
+            own: &self.own,
+            positions,
+            first_vertex: self.first_vertex,
+            deformation: self.deformation.as_ref(),
+            width,
+        };
+        let look = |parted: &Parted, part: usize, most: f64| {
+            (!self.shining[part]).then(|| looks.at(parted, part, most)).flatten()
+        };
+        let own = |part: usize| (motion.parts[part].triangles.start, motion.parts[part].triangles.len());
+        if let Some(part) = self.rebuild.look_after(self.serial, &mut self.parted, look, own) {
             self.rebuilt = true;
-            leaves = self.parted.refit(corners);
+            leaves = refit(&mut self.parted);
+            if let Some(mut deformation) = self.deformation.take() {
+                deformation.replaced(part, &self.parted, |parts| self.triangles(parts));
+                self.deformation = Some(deformation);
+            }
         }
-        let parts = &self.parted.parts;
-        let (first_node, first_place) =
-            parts.first().map_or((0, 0), |part| (part.first_node, part.first_place));
         let (emitters, light_nodes) = match &mut self.emitters {
             Some(emitters) => emitters.at(corners, &self.lights),
             None => Default::default(),
         };
+        let top = self.parted.top();
         SceneState {
             serial: self.serial,
             rests: self.rests,
-            top: self.parted.top_nodes(),
-            nodes: (first_node, parts.iter().flat_map(|part| &part.nodes).copied().collect()),
-            compact: OnceLock::new(),
-            leaves: (first_place * 9, leaves),
-            triangles: (first_place, if self.rebuilt { self.triangles() } else { Vec::new() }),
-            normals: (
-                self.first_vertex,
-                self.normals.par_iter().map(|n| pack_normal(n.to_array())).collect(),
-            ),
-            tangents: (self.first_vertex, self.tangents.clone()),
+            deformed: self.deformation.as_ref().map(|deformation| deformation.at(&top)),
+            top: top.nodes,
+            compact_top: OnceLock::new(),
+            parts: self.runs.iter().zip(leaves).map(|(run, leaves)| self.state_of(run, leaves)).collect(),
             lights: if self.motion.lights.is_empty() {
                 Vec::new()
             } else {
@@ -266,18 +317,42 @@ impl MovingScene {
             materials: materials.unwrap_or_default(),
             instances: self.instances.as_ref().map(MovingInstances::records).unwrap_or_default(),
             movers: self.movers.places(&instant.pose).into(),
-            lit: self.lit.as_ref().and_then(|lit| lit.bounds(corners, self.instances.as_ref())),
+            lit: self.lit.as_ref().and_then(|lit| lit.bounds(corners, &self.parted, self.instances.as_ref())),
         }
     }
 
-    /// All moving triangles in leaf order.
-    fn triangles(&self) -> Vec<layout::Triangle> {
+    /// Parts that the host has brought to an instant, with their vertices in leaf order.
+    fn state_of(&self, run: &Range<usize>, leaves: Vec<f32>) -> PartsState {
+        let (trees, parts) = (&self.parted.parts[run.clone()], &self.motion.parts[run.clone()]);
+        let (Some(tree), Some(first), Some(last)) = (trees.first(), parts.first(), parts.last()) else {
+            return PartsState::default();
+        };
+        let vertices = first.vertices.start - self.first_vertex..last.vertices.end - self.first_vertex;
+        let normals = self.normals[vertices.clone()].par_iter().map(|n| pack_normal(n.to_array()));
+        PartsState {
+            nodes: (tree.first_node, trees.iter().flat_map(|part| &part.nodes).copied().collect()),
+            leaves: (tree.first_place * 9, leaves),
+            triangles: (
+                tree.first_place,
+                if self.rebuilt { self.triangles(run.clone()) } else { Vec::new() },
+            ),
+            normals: (first.vertices.start, normals.collect()),
+            tangents: (
+                first.vertices.start,
+                self.tangents.get(vertices).map_or_else(Vec::new, <[_]>::to_vec),
+            ),
+            compact: OnceLock::new(),
+        }
+    }
+
+    /// The triangles of a range of parts in leaf order.
+    fn triangles(&self, parts: Range<usize>) -> Vec<layout::Triangle> {
         let pack = |slot: &LeafSlot| {
             let own = (slot.triangle as usize) - self.first_triangle;
             let vertices = self.triangles[own].map(|vertex| vertex + self.first_vertex as u32);
             pack_triangle(vertices, self.packed[own], slot)
         };
-        self.parted.parts.iter().flat_map(|part| part.order.iter().map(pack)).collect()
+        self.parted.parts[parts].iter().flat_map(|part| part.order.iter().map(pack)).collect()
     }
 
     /// Takes an instant's vertices and lights in.
@@ -305,9 +380,9 @@ impl SceneState {
         &self.movers
     }
 
-    /// The compact forms of the top and of the other nodes, made for the first device that asks.
-    pub(super) fn compact(&self) -> &[Vec<layout::CompactNode>; 2] {
-        self.compact.get_or_init(|| [compact_nodes(&self.top), compact_nodes(&self.nodes.1)])
+    /// The compact forms of the top, made for the first device that asks.
+    pub(super) fn compact_top(&self) -> &[layout::CompactNode] {
+        self.compact_top.get_or_init(|| compact_nodes(&self.top))
     }
 }
 
@@ -327,17 +402,32 @@ impl Lit {
         Some(Lit {
             still: corners.map(|p| [p, p]).chain(instances.map(|(low, high)| [low, high])).reduce(both),
             moving: (first_triangle..mesh.triangles.len()).filter(is_lit).map(|t| t as u32).collect(),
+            parts: Vec::new(),
         })
+    }
+
+    /// Leaves those parts to others that are `left`.
+    fn leave(&mut self, motion: &Motion, left: &[bool]) {
+        for (part, _) in left.iter().enumerate().filter(|(_, left)| **left) {
+            let own = &motion.parts[part].triangles;
+            let before = self.moving.len();
+            self.moving.retain(|&triangle| !own.contains(&(triangle as usize)));
+            if self.moving.len() < before {
+                self.parts.push(part);
+            }
+        }
     }
 
     fn bounds(
         &self,
         corners: impl Fn(u32) -> [Vec3; 3],
+        parted: &Parted,
         instances: Option<&MovingInstances>,
     ) -> Option<[Vec3; 2]> {
         let moving = self.moving.iter().flat_map(|&triangle| corners(triangle)).map(|p| [p, p]);
         let instances = instances.into_iter().flat_map(MovingInstances::boxes);
-        moving.chain(instances).chain(self.still).reduce(both)
+        let parts = self.parts.iter().filter_map(|&part| parted.loose(part)).map(|(low, high)| [low, high]);
+        moving.chain(parts).chain(instances).chain(self.still).reduce(both)
     }
 }
 

@@ -1,20 +1,27 @@
 //! New trees for parts whose motion has made their refitted ones slow, built while frames go on.
 
-use std::ops::Range;
 use std::sync::mpsc::{Receiver, channel};
 
-use glam::Vec3;
-
-use crate::bvh::part_tree::PartTree;
 use crate::bvh::{Parted, WideBvh};
 
 /// A part gets a new tree where rays visit so many times as much as when its tree was built.
-const GROWTH: f64 = 1.08;
+pub(super) const GROWTH: f64 = 1.08;
 /// A tree that was asked for is taken after so many instants, and one more for so many triangles: late enough to be
 /// ready, and not as soon as it is, so that it does not depend on how busy the machine is which picture is the first to
 /// be traced with it.
 const DELAY: u64 = 20;
 const TRIANGLES_AN_INSTANT: usize = 2000;
+
+/// A look at a part in a thread of its own.
+pub(super) type Look = Box<dyn FnOnce() -> Seen + Send>;
+
+/// What came of it.
+pub(super) struct Seen {
+    /// How many times as much rays visit there as when the part's tree was built; `None` where the part's tree itself tells.
+    pub growth: Option<f64>,
+    /// Another tree, where that pays.
+    pub tree: Option<WideBvh>,
+}
 
 /// One tree at a time that is being built.
 #[derive(Debug, Default)]
@@ -30,52 +37,45 @@ pub(super) struct Rebuild {
 #[derive(Debug)]
 struct UnderWay {
     part: usize,
-    tree: Receiver<WideBvh>,
+    seen: Receiver<Seen>,
     due: u64,
 }
 
 impl Rebuild {
-    /// Looks after the parts at an instant, after their refit; `triangles` are those of each part in terms of its
-    /// vertices in `positions`, and `ranges` tells which of the mesh's these are. `may` says which parts may be built
-    /// anew. Returns whether a part has a new tree, which is to be refitted.
+    /// Looks after the parts at an instant, after their refit. `look` tells how a part is looked at, where there is need:
+    /// it gets its number, and by how much it has to have grown. `triangles` tells its first triangle and how many it has.
+    /// Returns the part that has a new tree, which is to be refitted, if any has.
     pub fn look_after(
         &mut self,
         serial: u64,
         parted: &mut Parted,
-        own: &[Vec<[u32; 3]>],
-        vertices: impl Fn(usize) -> Vec<Vec3>,
-        ranges: impl Fn(usize) -> Range<usize>,
-        may: impl Fn(usize) -> bool,
-    ) -> bool {
+        look: impl Fn(&Parted, usize, f64) -> Option<Look>,
+        triangles: impl Fn(usize) -> (usize, usize),
+    ) -> Option<usize> {
         let count = parted.parts.len();
         self.kept.resize(count, 1.0);
         if let Some(due) = self.under_way.take_if(|under_way| under_way.due <= serial) {
             // A thread that is gone has left nothing: the old tree goes on.
-            let Ok(tree) = due.tree.recv() else { return false };
-            let before = parted.parts[due.part].growth();
-            let is_taken = parted.replace(due.part, tree, ranges(due.part).start);
+            let Seen { growth, tree: Some(tree) } = due.seen.recv().ok()? else { return None };
+            let before = growth.unwrap_or_else(|| parted.parts[due.part].growth());
+            let is_taken = parted.replace(due.part, tree, triangles(due.part).0);
             self.kept[due.part] = if is_taken { 1.0 } else { before };
-            return is_taken;
+            return is_taken.then_some(due.part);
         }
         if self.under_way.is_some() || count == 0 {
-            return false;
+            return None;
         }
         // One part an instant, so that a thousand of them cost no more.
         let part = self.next % count;
         self.next = part + 1;
-        if may(part) && worn(&parted.parts[part], self.kept[part]) {
-            let (positions, triangles) = (vertices(part), own[part].clone());
-            let due = serial + DELAY + (triangles.len() / TRIANGLES_AN_INSTANT) as u64;
-            let (sender, tree) = channel();
-            let build = move || drop(sender.send(WideBvh::build_whole(&positions, &triangles)));
+        if let Some(look) = look(parted, part, GROWTH * self.kept[part]) {
+            let due = serial + DELAY + (triangles(part).1 / TRIANGLES_AN_INSTANT) as u64;
+            let (sender, seen) = channel();
+            let build = move || drop(sender.send(look()));
             if std::thread::Builder::new().name("new tree".into()).spawn(build).is_ok() {
-                self.under_way = Some(UnderWay { part, tree, due });
+                self.under_way = Some(UnderWay { part, seen, due });
             }
         }
-        false
+        None
     }
-}
-
-fn worn(part: &PartTree, kept: f64) -> bool {
-    part.growth() > GROWTH * kept
 }

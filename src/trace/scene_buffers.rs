@@ -1,6 +1,8 @@
 //! A scene as devices take it, and in a device's memory.
 
+mod contents;
 mod count;
+mod deformed;
 mod instances;
 mod instant;
 mod light;
@@ -19,7 +21,9 @@ use crate::scene::glossy;
 use crate::scene::importance::DirectionTable;
 use crate::scene::{Environment, Features, Mesh, Scene};
 
+pub use contents::SceneContents;
 pub use count::tree_bytes;
+pub(super) use deformed::DeformKernels;
 pub(super) use instances::{instance_records, place_record};
 pub(super) use moved::Moved;
 
@@ -85,6 +89,8 @@ pub struct SceneBuffers {
     light_nodes: Option<Buffer<layout::LightNode>>,
     glossy: Option<Buffer<[f32; 4]>>,
     instances: Option<Buffer<layout::Instance>>,
+    /// Exists once some state has parts that the device deforms.
+    deformed: Option<deformed::DeformedBuffers>,
     /// The sampling shares and the sizes that kernels need along with the buffers.
     pub shading: layout::Shading,
     /// What the cache of light has to know of the scene.
@@ -325,6 +331,7 @@ impl SceneBuffers {
                 .transpose()?,
             glossy: may(device, &data.glossy)?,
             instances: may(device, &data.instances)?,
+            deformed: None,
             shading: data.shading,
             cache: data.cache,
         })

@@ -28,7 +28,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 35] = [
+const FILES: [&str; 37] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -64,6 +64,8 @@ const FILES: [&str; 35] = [
     include_str!("../../kernels/cache.cl"),
     include_str!("../../kernels/shade.cl"),
     include_str!("../../kernels/gather.cl"),
+    include_str!("../../kernels/deform.cl"),
+    include_str!("../../kernels/refit.cl"),
 ];
 
 /// The whole text.

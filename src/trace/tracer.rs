@@ -21,6 +21,7 @@ use super::kernels::{
     TraceSamples,
 };
 use super::light_cache::LightCache;
+use super::scene_buffers::DeformKernels;
 use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
 pub(super) use pattern::BLOCKS_PER_TILE;
@@ -68,6 +69,7 @@ pub struct Traced {
 pub struct Tracer {
     device: Device,
     scene: SceneBuffers,
+    deform: DeformKernels,
     traversals: Traversals,
     anchor: glam::DVec3,
     /// The instant that the scene shows; 0 as it was packed.
@@ -151,6 +153,7 @@ impl Tracer {
         Ok(Tracer {
             light: LightCache::new(bundles, programs.traversals.bundles, &scene)?,
             scene,
+            deform: DeformKernels::of(program)?,
             traversals: programs.traversals,
             anchor: data.anchor,
             serial: 0,
@@ -228,7 +231,7 @@ impl Tracer {
     /// [`crate::Error::Device`] where the device is lost.
     pub fn move_to(&mut self, state: &SceneState) -> Result<()> {
         if self.serial != state.serial {
-            self.scene.move_to(state)?;
+            self.scene.move_to(&self.device, &self.deform, state)?;
             if !state.rests {
                 self.light.follow_motion();
             }

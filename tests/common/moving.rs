@@ -121,6 +121,17 @@ fn tube_animations(builder: &mut Builder) -> Value {
     json!([{ "name": "Sway", "samplers": samplers, "channels": channels }])
 }
 
+/// That tube, of which nothing is left at times: all joints hang on one of no size.
+pub fn flattening_tube() -> Builder {
+    let mut builder = tube();
+    let (times, sizes) = (
+        builder.floats(&[[0.0], [1.0], [1.8], [2.0]]),
+        builder.floats(&[[1.0; 3], [0.0; 3], [0.0; 3], [1.0; 3]]),
+    );
+    animate(&mut builder, 1, "scale", times, sizes);
+    builder
+}
+
 /// That tube beside a box that turns, over a floor that stays, under a lamp that slides where `has_lamp` says so.
 pub fn world(has_lamp: bool) -> Builder {
     let mut builder = tube();

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use foveate::bvh::WideBvh;
-use foveate::config::{Config, Indirect, Method, TraversalConfig};
+use foveate::config::{Config, DeformConfig, Indirect, Method, TraversalConfig};
 use foveate::frame::{Loaded, Output, Plan, Renderer};
 use foveate::gpu::opencl::Device;
 use foveate::gpu::vulkan::Context;
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::Instancing;
-use foveate::trace::MovingScene;
+use foveate::trace::{DeformedBy, MovingScene};
 use glam::DVec3;
 
 use crate::common::moving::{world, world_of_two};
@@ -60,16 +60,22 @@ fn still(path: &Path, device: &Device, context: &Context, config: &Config) -> Re
 
 #[test]
 fn a_frame_shows_what_a_fresh_picture_of_its_instant_shows() {
-    shows_its_instants(Instancing::Flat);
+    shows_its_instants(Instancing::Flat, DeformConfig::Host);
 }
 
 /// What moves as a whole, kept as a shape and placed by matrices.
 #[test]
 fn a_frame_of_moving_instances_shows_what_a_fresh_picture_shows() {
-    shows_its_instants(Instancing::Shared);
+    shows_its_instants(Instancing::Shared, DeformConfig::Host);
 }
 
-fn shows_its_instants(instancing: Instancing) {
+/// What is skinned and morphed, deformed by the device, beside what the host moves.
+#[test]
+fn a_frame_that_its_device_deforms_shows_what_a_fresh_picture_shows() {
+    shows_its_instants(Instancing::Shared, DeformConfig::Device);
+}
+
+fn shows_its_instants(instancing: Instancing, deform: DeformConfig) {
     let Some((info, context)) = machine() else { return };
     let device = Device::open(&info).unwrap();
     let folder = tempfile::tempdir().unwrap();
@@ -78,6 +84,7 @@ fn shows_its_instants(instancing: Instancing) {
     let settings = |time| {
         let mut config = settings(time);
         (config.trace.indirect, config.scene.instancing) = (Indirect::Paths, instancing);
+        config.trace.deform = deform;
         config
     };
     let scene = Loaded::moving_from_file(&path, &settings(0.3)).unwrap().scene;
@@ -96,6 +103,30 @@ fn shows_its_instants(instancing: Instancing) {
         assert!(off[0] < 2e-3 && off[1] < 1e-2, "{time}: {off:?}");
         assert!(before.is_empty() || differing(&before, &depths) > 0.01, "nothing has moved");
         before = depths;
+    }
+}
+
+/// What a device deforms looks as it does where the host deforms it, frame after frame.
+#[test]
+fn frames_are_those_of_the_host_where_the_device_deforms() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = world_of_two(false).write_glb(folder.path());
+    let mut renderers = [DeformConfig::Host, DeformConfig::Device].map(|deform| {
+        let mut config = settings(0.0);
+        (config.trace.indirect, config.trace.deform) = (Indirect::Paths, deform);
+        moving(&path, &device, &context, &config)
+    });
+    for frame in 0..12 {
+        let [(picture, depths), (own, reached)] = renderers.each_mut().map(|renderer| {
+            renderer.show_at(f64::from(frame) * 0.15);
+            seen(renderer)
+        });
+        let off = [differing(&depths, &reached), differing(&picture, &own)];
+        assert!(off[0] < 2e-4 && off[1] < 2e-3, "frame {frame}: {off:?}");
+        // Roundings tell who has done it.
+        assert!(frame == 0 || picture != own, "frame {frame} is the host's to the bit");
     }
 }
 
@@ -124,14 +155,21 @@ fn lamps_that_move_light_what_they_come_to() {
 
 #[test]
 fn pictures_of_what_moves_do_not_depend_on_how_they_are_split() {
-    [Instancing::Flat, Instancing::Shared].into_iter().for_each(is_the_same_on_two_devices);
+    is_the_same_on_two_devices(Instancing::Flat, DeformConfig::Host);
+    is_the_same_on_two_devices(Instancing::Shared, DeformConfig::Host);
 }
 
-fn is_the_same_on_two_devices(instancing: Instancing) {
+#[test]
+fn devices_that_deform_keep_the_same_world() {
+    is_the_same_on_two_devices(Instancing::Flat, DeformConfig::Device);
+}
+
+fn is_the_same_on_two_devices(instancing: Instancing, deform: DeformConfig) {
     let folder = tempfile::tempdir().unwrap();
     let path = world_of_two(true).write_glb(folder.path());
     let mut config = settings(0.0);
     (config.time.reuse, config.scene.instancing) = (true, instancing);
+    config.trace.deform = deform;
     let loaded = Loaded::moving_from_file(&path, &config).unwrap();
     let show = |renderer: &mut Renderer, frame| renderer.show_at(f64::from(frame) * 0.2);
     are_the_same_on_two_devices(&loaded, &config, &plan(), show);
@@ -140,14 +178,20 @@ fn is_the_same_on_two_devices(instancing: Instancing) {
 /// New trees are taken while frames go on, and show what the old ones did.
 #[test]
 fn parts_whose_trees_are_built_anew_stay_where_they_are() {
+    let both = [(DeformConfig::Host, DeformedBy::Host), (DeformConfig::Device, DeformedBy::Devices)];
+    both.into_iter().for_each(stay_where_they_are);
+}
+
+fn stay_where_they_are((deform, by): (DeformConfig, DeformedBy)) {
     let Some((info, context)) = machine() else { return };
     let device = Device::open(&info).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = world(true).write_glb(folder.path());
     let mut config = settings(0.3);
-    config.trace.indirect = Indirect::Paths;
+    (config.trace.indirect, config.trace.deform) = (Indirect::Paths, deform);
     let loaded = Loaded::moving_from_file(&path, &config).unwrap();
-    let mut scene = MovingScene::new(&loaded.scene, loaded.trees(), loaded.parted.as_ref().unwrap()).unwrap();
+    let parted = loaded.parted.as_ref().unwrap();
+    let mut scene = MovingScene::new(&loaded.scene, loaded.trees(), parted, by).unwrap();
     let mut renderer = Renderer::new(&device, &context, &loaded, &config, Output::Radiance).unwrap().0;
     assert!(!scene.is_rebuilt());
     for step in 0..130 {

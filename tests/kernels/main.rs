@@ -6,6 +6,7 @@ mod cases;
 #[path = "../common/mod.rs"]
 mod common;
 mod convex;
+mod deform;
 mod edges;
 mod guided;
 mod hits;

@@ -14,7 +14,7 @@ use crate::gpu::vulkan::Context;
 use crate::reconstruct::{self, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
 use crate::scene::Features;
 use crate::scene::sky::day::Day;
-use crate::trace::{self, Fleet, MovingScene, MovingSky, SceneData};
+use crate::trace::{self, DeformedBy, Fleet, MovingScene, MovingSky, SceneData};
 use crate::waiting::{self, Limits};
 
 impl Renderer {
@@ -50,7 +50,8 @@ impl Renderer {
             timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
         let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
         let scheduler = Scheduler::new(fleet, direct);
-        let (renderer, shaders_step) = Self::with_scheduler(scheduler, context, loaded, config, output)?;
+        let by = deformed_by(devices, config);
+        let (renderer, shaders_step) = Self::assemble(scheduler, context, loaded, config, output, by)?;
         Ok((renderer, vec![fleet_step, shaders_step, probe_step]))
     }
 
@@ -69,11 +70,13 @@ impl Renderer {
     ) -> Result<(Self, Vec<Step>)> {
         let direct = Some(device.clone()).filter(|_| sharing == Sharing::ZeroCopy);
         let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
-        let made = Self::with_scheduler(Scheduler::new(fleet, direct), context, loaded, config, output)?;
+        let (scheduler, by) =
+            (Scheduler::new(fleet, direct), deformed_by(std::slice::from_ref(device), config));
+        let made = Self::assemble(scheduler, context, loaded, config, output, by)?;
         Ok((made.0, vec![made.1]))
     }
 
-    /// With devices that have the scene already.
+    /// With devices that have the scene already, of any kinds.
     ///
     /// # Errors
     /// Where the presenting device refuses.
@@ -83,6 +86,18 @@ impl Renderer {
         loaded: &Loaded,
         config: &Config,
         output: Output,
+    ) -> Result<(Self, Step)> {
+        let by = config.trace.deform.by(["any"].into_iter());
+        Self::assemble(scheduler, context, loaded, config, output, by)
+    }
+
+    fn assemble(
+        scheduler: Scheduler,
+        context: &Context,
+        loaded: &Loaded,
+        config: &Config,
+        output: Output,
+        by: DeformedBy,
     ) -> Result<(Self, Step)> {
         let quality = Quality::of(config);
         let (reconstruction, shaders_step) = timed("shaders", || {
@@ -107,7 +122,7 @@ impl Renderer {
             light: 0,
             light_steps: 1,
             moving: (loaded.parted.as_ref())
-                .and_then(|parted| MovingScene::new(&loaded.scene, loaded.trees(), parted)),
+                .and_then(|parted| MovingScene::new(&loaded.scene, loaded.trees(), parted, by)),
             speed: config.scene.speed,
             start: config.scene.time,
             state: None,
@@ -120,6 +135,10 @@ impl Renderer {
         renderer.show_at(0.0);
         Ok((renderer, shaders_step))
     }
+}
+
+fn deformed_by(devices: &[Device], config: &Config) -> DeformedBy {
+    config.trace.deform.by(devices.iter().map(|device| device.info().kind))
 }
 
 /// Whether some surface mirrors the sky.

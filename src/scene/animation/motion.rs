@@ -52,7 +52,7 @@ pub struct MovingLight {
 /// Everything that moves, at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct Instant {
-    /// Vertices of each part; `None` where one is not finite: that part stays where it was.
+    /// Vertices of each part; `None` where one is not finite, that part stays where it was, or where they were not wanted.
     pub parts: Vec<Option<Vertices>>,
     /// Where each moving instance is; `None` where that is not finite: it stays where it was.
     pub rigid: Vec<Option<Instance>>,
@@ -86,7 +86,7 @@ impl Motion {
     /// Everything at a time, in seconds since the clips began to play. `triangles` are those of each part in terms of its
     /// own vertices.
     pub fn at(&self, time: f64, anchor: DVec3, triangles: &[Vec<[u32; 3]>]) -> Instant {
-        self.with(self.pose(time, &self.given, &[]), anchor, triangles)
+        self.with(self.pose(time, &self.given, &[]), anchor, triangles, &|_| true)
     }
 
     /// Where all nodes are at a time: those beyond the skeleton's where they are given, those that hands can seize, in
@@ -98,11 +98,18 @@ impl Motion {
         pose
     }
 
-    /// Everything in a pose.
-    pub fn with(&self, pose: Pose, anchor: DVec3, triangles: &[Vec<[u32; 3]>]) -> Instant {
-        let part = |(part, triangles): (&Part, &Vec<[u32; 3]>)| part.at(&pose, anchor, triangles);
+    /// Everything in a pose; of those parts that are `wanted`, by their numbers.
+    pub fn with(
+        &self,
+        pose: Pose,
+        anchor: DVec3,
+        triangles: &[Vec<[u32; 3]>],
+        wanted: &(dyn Fn(usize) -> bool + Sync),
+    ) -> Instant {
+        let part = |part: usize| self.parts[part].at(&pose, anchor, &triangles[part]);
+        let parts = (0..self.parts.len()).into_par_iter();
         Instant {
-            parts: self.parts.par_iter().zip(triangles).map(part).collect(),
+            parts: parts.map(|index| wanted(index).then(|| part(index)).flatten()).collect(),
             rigid: self.rigid.iter().map(|rigid| rigid.at(&pose, anchor)).collect(),
             lights: self.lights.iter().map(|light| light.at(&pose, anchor)).collect(),
             pose,

@@ -117,11 +117,20 @@ impl Geometry {
         Matrices { joints, skin: self.skin.as_ref() }
     }
 
+    /// `world_from_mesh` of each joint in a pose; of the whole where there is no skin.
+    pub fn joint_matrices(&self, pose: &Pose, node: usize, local: &DMat4) -> Vec<DMat4> {
+        self.matrices(pose, node, local).joints
+    }
+
+    /// The weights of its morph targets in a pose.
+    pub fn weights_in<'a>(&'a self, pose: &'a Pose) -> &'a [f64] {
+        self.weights_node.and_then(|node| pose.weights.get(&node)).unwrap_or(&self.weights)
+    }
+
     /// The lists of one kind that are not empty, with their weights where these are not 0.
     fn morphs<T>(&self, pose: &Pose, list: impl Fn(&Target) -> &Vec<T>) -> Vec<(&Vec<T>, f64)> {
-        let moved = self.weights_node.and_then(|node| pose.weights.get(&node));
-        let weights = moved.unwrap_or(&self.weights);
-        let pairs = self.targets.iter().zip(weights).map(|(target, &weight)| (list(target), weight));
+        let pairs =
+            self.targets.iter().zip(self.weights_in(pose)).map(|(target, &weight)| (list(target), weight));
         pairs.filter(|(list, weight)| !list.is_empty() && *weight != 0.0).collect()
     }
 

@@ -1,30 +1,34 @@
 //! A scene in a device's memory, brought to another instant.
 
+use super::DeformKernels;
 use super::SceneBuffers;
 use crate::error::Result;
+use crate::gpu::opencl::Device;
 use crate::trace::SceneState;
+use crate::trace::moving_parts::PartsState;
 
 impl SceneBuffers {
     /// Brings it to another instant.
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device refuses.
-    pub fn move_to(&mut self, state: &SceneState) -> Result<()> {
-        let (first, nodes) = &state.nodes;
+    pub(in crate::trace) fn move_to(
+        &mut self,
+        device: &Device,
+        kernels: &DeformKernels,
+        state: &SceneState,
+    ) -> Result<()> {
         if let Some(wide) = &self.wide {
             wide.write(&state.top)?;
-            wide.write_at(*first, nodes)?;
         }
         if let Some(compact) = &self.compact {
-            let [top, nodes] = state.compact();
-            compact.write(top)?;
-            compact.write_at(*first, nodes)?;
+            compact.write(state.compact_top())?;
         }
-        self.leaves.write_at(state.leaves.0, &state.leaves.1)?;
-        self.triangles.write_at(state.triangles.0, &state.triangles.1)?;
-        self.normals.write_at(state.normals.0, &state.normals.1)?;
-        if let Some(tangents) = &self.tangents {
-            tangents.write_at(state.tangents.0, &state.tangents.1)?;
+        for parts in &state.parts {
+            self.take(parts)?;
+        }
+        if let Some(deformed) = &state.deformed {
+            self.deform(device, kernels, deformed)?;
         }
         self.materials.write(&state.materials)?;
         if let Some(lights) = &self.lights {
@@ -39,6 +43,24 @@ impl SceneBuffers {
         }
         if let Some([lower, upper]) = state.lit {
             (self.shading.lit_lower, self.shading.lit_upper) = (lower.to_array(), upper.to_array());
+        }
+        Ok(())
+    }
+
+    /// Parts that the host has brought there.
+    fn take(&self, parts: &PartsState) -> Result<()> {
+        let (first, nodes) = &parts.nodes;
+        if let Some(wide) = &self.wide {
+            wide.write_at(*first, nodes)?;
+        }
+        if let Some(compact) = &self.compact {
+            compact.write_at(*first, parts.compact())?;
+        }
+        self.leaves.write_at(parts.leaves.0, &parts.leaves.1)?;
+        self.triangles.write_at(parts.triangles.0, &parts.triangles.1)?;
+        self.normals.write_at(parts.normals.0, &parts.normals.1)?;
+        if let Some(tangents) = &self.tangents {
+            tangents.write_at(parts.tangents.0, &parts.tangents.1)?;
         }
         Ok(())
     }

@@ -95,8 +95,8 @@ fn what_has_no_place_is_in_no_tree() {
     };
     assert_eq!(doors(&whole.nodes), [1, 2]);
     parted.place([None, Some((2, unit))].into_iter());
-    assert_eq!(doors(&parted.top_nodes()), [2]);
+    assert_eq!(doors(&parted.top().nodes), [2]);
     parted.place([None, None].into_iter());
-    assert_eq!(doors(&parted.top_nodes()), [0; 0]);
-    assert_eq!(parted.top_nodes().len(), whole.nodes.len());
+    assert_eq!(doors(&parted.top().nodes), [0; 0]);
+    assert_eq!(parted.top().nodes.len(), whole.nodes.len());
 }
