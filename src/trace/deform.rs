@@ -8,9 +8,10 @@
 //! Rules: a normal that motion leaves without a direction points upwards; a part that goes farther than 10^36 m, or that
 //! weights or matrices take there on the way, stays where it was. Box and tree of such a part are not known to the host:
 //! it builds the top's nodes over boxes around all that joints may do to their vertices, and looks in a thread of its own
-//! now and then how much slower rays have become. What devices need for it, some 100 bytes a vertex, is not among the
-//! buffers that `foveate scene info` counts.
+//! now and then how much slower rays have become. What devices need for it, some 100 bytes a vertex, is counted before it is
+//! made (`src/trace/deform/count.rs`).
 
+mod count;
 mod reach;
 mod rest;
 
@@ -25,6 +26,7 @@ use crate::bvh::parted::Top;
 use crate::bvh::{Parted, extent};
 use crate::layout;
 use crate::scene::animation::{Motion, Pose};
+pub use count::deformed_bytes;
 use reach::Reach;
 pub(super) use rest::Rest;
 

@@ -31,6 +31,7 @@ pub mod warm;
 mod worker;
 
 pub use daylight::{MovingSky, SkyState};
+pub use deform::deformed_bytes;
 pub use fleet::{Fleet, Opener, Round, State, Tried};
 pub use moving::{DeformedBy, MovingScene, SceneState};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneContents, SceneData, tree_bytes};

@@ -431,7 +431,8 @@ impl Lit {
     }
 }
 
-fn shines(scene: &Scene, triangle: usize) -> bool {
+/// Whether a triangle sends light of its own.
+pub(super) fn shines(scene: &Scene, triangle: usize) -> bool {
     emitters::shines(&scene.materials[scene.mesh.materials[triangle] as usize])
 }
 

@@ -11,9 +11,9 @@ mod pack;
 
 use std::sync::OnceLock;
 
-use super::{Traversal, Traversals};
-use crate::bvh::Trees;
+use super::{Traversal, Traversals, deformed_bytes};
 use crate::bvh::compact::compact_nodes;
+use crate::bvh::{Parted, Trees};
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
 use crate::layout::{self, pack_normal};
@@ -61,6 +61,8 @@ pub struct SceneData {
     emitters: Option<PackedEmitters>,
     glossy: Option<Vec<[f32; 4]>>,
     instances: Option<Vec<layout::Instance>>,
+    /// What devices need beside it, where they deform its moving parts.
+    deformed: Vec<BufferBytes>,
     shading: layout::Shading,
     cache: layout::CacheInfo,
 }
@@ -143,6 +145,11 @@ impl SceneData {
         self.cache = cache_info(scene, brightest);
     }
 
+    /// Counts in what devices need where they deform its moving parts, whose trees are `parted`.
+    pub fn expect_deformation(&mut self, scene: &Scene, parted: &Parted) {
+        self.deformed = deformed_bytes(scene, parted);
+    }
+
     /// Packs all but what there is of each node, triangle, vertex or texel, which is empty where it is needed.
     fn pack_around_mesh(scene: &Scene, trees: Trees, environment: &Environment) -> Result<Self> {
         let bvh = trees.world;
@@ -189,6 +196,7 @@ impl SceneData {
             directions: pack_directions(&directions),
             shading: shading(scene, environment, &directions, packed.as_ref()),
             emitters: packed,
+            deformed: Vec::new(),
             cache: cache_info(scene, environment),
             glossy: features.glossy.then(|| glossy::prefiltered(environment)),
             instances,
@@ -236,6 +244,7 @@ impl SceneData {
         .into_iter()
         .chain(emitters)
         .flatten()
+        .chain(self.deformed.iter().copied())
         .collect()
     }
 

@@ -37,6 +37,23 @@ fn pictures_show_the_time_that_is_asked_for() {
     assert!(text.contains("animation   0 \"Sway\", 2.000 s, 7 channels"), "{text}");
 }
 
+/// What devices need to deform a mesh is among the buffers where they do it.
+#[test]
+fn buffers_are_told_that_deform_meshes() {
+    let folder = moving();
+    let told = |flags: &str| {
+        let told = foveate(folder.path(), &format!("scene info scene.glb --json {flags}")).succeeds().json();
+        let buffers = told["device_buffers"].as_array().unwrap();
+        let rest = buffers.iter().find(|buffer| buffer["name"] == "vertices at rest");
+        (told["device_bytes"].as_u64().unwrap(), rest.map(|rest| rest["bytes"].as_u64().unwrap()))
+    };
+    let ((host, none), (device, rest)) = (told("--set trace.deform=host"), told("--set trace.deform=device"));
+    // The tube's 396 vertices and the end of their lists.
+    assert_eq!((none, rest), (None, Some(397 * 52)));
+    assert!(device > host + 397 * 52, "{device} {host}");
+    assert_eq!(told("--set trace.deform=device --animation none").1, None);
+}
+
 #[test]
 fn animations_play_in_frames_at_their_speed() {
     let folder = moving();

@@ -9,9 +9,9 @@ use foveate::gpu::opencl::Device;
 use foveate::gpu::vulkan::Context;
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
-use foveate::scene::Instancing;
-use foveate::trace::{DeformedBy, MovingScene};
-use glam::DVec3;
+use foveate::scene::{Environment, Instancing};
+use foveate::trace::{DeformedBy, MovingScene, SceneData, Traversal, deformed_bytes};
+use glam::{DVec3, Vec3};
 
 use crate::common::moving::{world, world_of_two};
 use crate::{HEIGHT, WIDTH, are_the_same_on_two_devices, config, machine};
@@ -128,6 +128,31 @@ fn frames_are_those_of_the_host_where_the_device_deforms() {
         // Roundings tell who has done it.
         assert!(frame == 0 || picture != own, "frame {frame} is the host's to the bit");
     }
+}
+
+/// A device that has room for a scene, but not for deforming it, is refused where it would have to.
+#[test]
+fn devices_without_room_to_deform_are_refused() {
+    let Some((mut info, context)) = machine() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = world(false).write_glb(folder.path());
+    let mut config = settings(0.0);
+    config.trace.traversal = TraversalConfig::Packet;
+    let mut loaded = Loaded::moving_from_file(&path, &config).unwrap();
+    // Maps give way where room is little.
+    loaded.environment = Environment::constant(Vec3::ONE);
+    let own = SceneData::pack(&loaded.scene, loaded.trees(), &loaded.environment).unwrap();
+    let needed = own.bytes(Traversal::Packet.into()).into_iter();
+    let needed = needed.chain(deformed_bytes(&loaded.scene, loaded.parted.as_ref().unwrap()));
+    info.memory = needed.map(|buffer| buffer.bytes as u64).sum::<u64>() - 1;
+    let device = Device::open(&info).unwrap();
+    let mut opened = |deform| {
+        config.trace.deform = deform;
+        Renderer::new(&device, &context, &loaded, &config, Output::Radiance)
+    };
+    assert!(opened(DeformConfig::Host).is_ok());
+    let refused = opened(DeformConfig::Device).err().unwrap().to_string();
+    assert!(refused.contains("the scene needs") && refused.contains("leave this device out"), "{refused}");
 }
 
 #[test]

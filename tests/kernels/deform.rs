@@ -10,7 +10,9 @@ use foveate::frame::Loaded;
 use foveate::gpu::opencl::Device;
 use foveate::layout::{WideNode, unpack_normal};
 use foveate::scene::Features;
-use foveate::trace::{DeformedBy, MovingScene, SceneContents, Tracer, Traversal, Traversals};
+use foveate::trace::{
+    DeformedBy, MovingScene, SceneContents, SceneData, Tracer, Traversal, Traversals, deformed_bytes,
+};
 use glam::{Vec3, Vec4};
 
 use crate::bench::on_every_device;
@@ -190,4 +192,51 @@ fn the_newest_state_is_enough() {
         assert!(steady == late);
         is_sound(&late, "late");
     });
+}
+
+/// The tube without its joints, morphed alone.
+fn without_skin() -> Loaded {
+    let mut loaded = load(world_of_two(true));
+    let motion = Arc::make_mut(loaded.scene.motion.as_mut().unwrap());
+    let part = motion.parts.iter_mut().find(|part| part.geometry.skin.is_some()).unwrap();
+    Arc::make_mut(&mut part.geometry).skin = None;
+    loaded
+}
+
+/// The tube as a lamp, which the host deforms.
+fn shining() -> Loaded {
+    let mut loaded = load(flattening_tube());
+    loaded.scene.materials.iter_mut().for_each(|material| material.emissive = Vec3::ONE);
+    loaded
+}
+
+/// What is told to be needed is what is taken, and devices without room for it are refused.
+#[test]
+fn what_devices_need_to_deform_is_counted() {
+    let scenes = [load(world_of_two(true)), load(flattening_tube()), without_skin(), shining()];
+    for (index, loaded) in scenes.iter().enumerate() {
+        let parted = loaded.parted.as_ref().unwrap();
+        let counted: usize = deformed_bytes(&loaded.scene, parted).iter().map(|buffer| buffer.bytes).sum();
+        assert_eq!(counted > 0, index < 3);
+        let mut data = SceneData::pack(&loaded.scene, loaded.trees(), &loaded.environment).unwrap();
+        on_every_device(|device| {
+            let mut tracer = tracer(device, loaded);
+            let by = DeformedBy::Devices;
+            let mut scene = MovingScene::new(&loaded.scene, loaded.trees(), parted, by).unwrap();
+            assert_eq!(tracer.scene().deformed_bytes(), 0);
+            tracer.move_to(&scene.at(0.5)).unwrap();
+            assert_eq!(tracer.scene().deformed_bytes(), counted, "scene {index}");
+        });
+        let packet = Traversals::from(Traversal::Packet);
+        let rest: usize = data.bytes(packet).iter().map(|buffer| buffer.bytes).sum();
+        data.expect_deformation(&loaded.scene, parted);
+        on_every_device(|device| {
+            for (memory, fits) in [(rest + counted, true), (rest + counted - 1, false)] {
+                let mut info = device.info().clone();
+                info.memory = memory as u64;
+                let fit = data.check_fit(&Device::open(&info).unwrap(), packet);
+                assert_eq!(fit.is_ok(), fits, "scene {index}: {fit:?}");
+            }
+        });
+    }
 }

@@ -13,7 +13,7 @@ use crate::config::Layers;
 use crate::error::Result;
 use crate::frame::Loaded;
 use crate::scene::info::{SceneInfo, summarise};
-use crate::trace::{BufferBytes, SceneData, tree_bytes};
+use crate::trace::{BufferBytes, DeformedBy, SceneData, deformed_bytes, tree_bytes};
 
 /// Arguments of `foveate scene info`.
 #[derive(Debug, clap::Args)]
@@ -51,10 +51,15 @@ pub fn run(args: &Args) -> Result<()> {
     let mut layers = args.options.layers(Layers::default())?;
     args.flags.lay(&mut layers)?;
     let config = layers.finish()?;
-    let loaded = Loaded::from_file(&args.scene, &config)?;
+    let loaded = Loaded::moving_from_file(&args.scene, &config)?;
     let machine = Machine::open(&config.devices)?;
     let traversals = config.trace.traversal.on(&machine.device).traversals;
-    let device_buffers = SceneData::count(&loaded.scene, loaded.trees(), &loaded.environment, traversals)?;
+    let mut device_buffers =
+        SceneData::count(&loaded.scene, loaded.trees(), &loaded.environment, traversals)?;
+    let by = config.trace.deform.by(machine.devices.iter().map(|device| device.info().kind));
+    if let (DeformedBy::Devices, Some(parted)) = (by, &loaded.parted) {
+        device_buffers.extend(deformed_bytes(&loaded.scene, parted));
+    }
     let info = Info {
         scene: args.scene.display().to_string(),
         info: summarise(&loaded.scene, &loaded.environment),

@@ -161,6 +161,9 @@ fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> 
     if let Some(cycle) = loaded.day {
         data.expect_light(&loaded.scene, &Day::new(cycle, false).brightest());
     }
+    if let (DeformedBy::Devices, Some(parted)) = (deformed_by(devices, config), &loaded.parted) {
+        data.expect_deformation(&loaded.scene, parted);
+    }
     let data = Arc::new(data);
     let walking = |device: &Device| {
         let choice = config.trace.traversal.on(device);

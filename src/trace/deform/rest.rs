@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::layout::{Influence, Morph, RestVertex};
-use crate::scene::animation::{Geometry, Part};
+use crate::scene::animation::{Geometry, Part, Target};
 
 /// All parts that devices deform, at rest.
 #[derive(Debug)]
@@ -21,6 +21,13 @@ pub(in crate::trace) struct Rest {
 pub(super) fn can_deform(geometry: &Geometry) -> bool {
     let changes = geometry.skin.as_ref().map_or(!geometry.targets.is_empty(), |skin| !skin.joints.is_empty());
     changes && !geometry.flat && geometry.normals.len() == geometry.positions.len()
+}
+
+/// What morph targets add to a vertex's position, normal and tangent, of those that add anything, by their numbers.
+pub(super) fn morphs_of(geometry: &Geometry, vertex: usize) -> impl Iterator<Item = (u32, [Vec3; 3])> {
+    let added = move |list: &Vec<Vec3>| list.get(vertex).copied().unwrap_or_default();
+    let all = move |target: &Target| [&target.positions, &target.normals, &target.tangents].map(added);
+    (0..).zip(geometry.targets.iter().map(all)).filter(|(_, added)| *added != [Vec3::ZERO; 3])
 }
 
 impl Rest {
@@ -50,15 +57,10 @@ impl Rest {
                     self.influences.extend(skin.influences[range].iter().map(influence));
                 }
             }
-            let added = |list: &Vec<Vec3>| list.get(own).copied().unwrap_or_default();
-            for (target, weight) in geometry.targets.iter().zip(weight..) {
-                let [position, normal, tangent] =
-                    [&target.positions, &target.normals, &target.tangents].map(added);
-                if [position, normal, tangent] != [Vec3::ZERO; 3] {
-                    let [position, normal, tangent] = [position, normal, tangent].map(|v| v.to_array());
-                    self.morphs.push(Morph { position, weight, normal, tangent });
-                }
-            }
+            self.morphs.extend(morphs_of(geometry, own).map(|(target, added)| {
+                let [position, normal, tangent] = added.map(|v| v.to_array());
+                Morph { position, weight: weight + target, normal, tangent }
+            }));
         }
         self.moving = self.moving.max(part.vertices.end - self.first_vertex);
     }

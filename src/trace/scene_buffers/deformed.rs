@@ -69,7 +69,20 @@ impl DeformedBuffers {
     }
 }
 
+impl DeformedBuffers {
+    fn bytes(&self) -> usize {
+        let rest = self.vertices.bytes() + self.influences.bytes() + self.morphs.bytes();
+        let state = self.joints.bytes() + self.weights.bytes() + self.positions.bytes();
+        rest + state + self.nodes.bytes() + self.top.bytes() + self.boxes.bytes()
+    }
+}
+
 impl SceneBuffers {
+    /// Bytes of what the device needs beside the scene to deform moving parts: 0 until it has done so.
+    pub fn deformed_bytes(&self) -> usize {
+        self.deformed.as_ref().map_or(0, DeformedBuffers::bytes)
+    }
+
     /// Has the device deform moving parts, and fit their trees and the top, which is there already.
     ///
     /// # Errors
