@@ -1,8 +1,9 @@
 //! What moving things cost: `cargo bench --bench motion [-- --frames 20]`.
 //!
-//! First what the host does for a frame, without any rays: a thousand turning balls of a thousand triangles each, and a
-//! skinned and morphed tube of 100,000 triangles. Then frames of that tube after ten seconds of motion on its refitted
-//! tree beside a fresh one, and of the demo scene moving beside frozen, frame by frame in turn. Prints tables in Markdown.
+//! First what brings a scene to a frame's instant, without any rays, on the host and until a device has it: a thousand
+//! turning balls of a thousand triangles each, and a skinned and morphed tube of 100,000 triangles, deformed by the host and
+//! by the device. Then frames of that tube after ten seconds of motion on its refitted tree beside a fresh one, and of the
+//! demo scene moving beside frozen, frame by frame in turn. Prints tables in Markdown.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -11,6 +12,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use foveate::bench::cpu_time;
+use foveate::bvh::Parted;
 use foveate::config::{Config, Samples};
 use foveate::frame::{FrameReport, Loaded, Output, Plan, Renderer};
 use foveate::gpu::opencl::{Device, device};
@@ -18,7 +20,7 @@ use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::view::{FieldOfView, View};
 use foveate::metrics::stats::median;
 use foveate::scene::{default_viewpoint, generate};
-use foveate::trace::{DeformedBy, MovingScene};
+use foveate::trace::{DeformedBy, MovingScene, Tracer};
 
 use common::moving::{balls, tube_of};
 
@@ -43,16 +45,22 @@ fn main() {
         builder.write_glb(&below)
     };
     let (balls, tube) = (write("balls", balls(1000)), write("tube", tube_of(201, 250)));
-    println!("| what moves | triangles | to an instant, least | median | processor time |");
-    println!("| --- | --- | --- | --- | --- |");
-    update("1000 rigid balls", &balls, frames, DeformedBy::Host);
-    update("a tube on 8 joints with 2 morph targets", &tube, frames, DeformedBy::Host);
-    update("that tube, left to devices", &tube, frames, DeformedBy::Devices);
     let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
     let machine = Machine {
         device: Device::open(&info).expect("the device"),
         context: Context::new(&ContextOptions::default()).expect("a Vulkan device"),
     };
+    println!(
+        "| what moves | triangles | to an instant, least | median | and on the device | median | processor time |"
+    );
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    machine.update("1000 rigid balls", &balls, frames, &[DeformedBy::Host]);
+    machine.update(
+        "a tube on 8 joints with 2 morph targets",
+        &tube,
+        frames,
+        &[DeformedBy::Host, DeformedBy::Devices],
+    );
     println!("\n| frames of 640x400 | camera rays, least | shading, least | frame, least | median |");
     println!("| --- | --- | --- | --- | --- |");
     machine.refitted(&tube, frames);
@@ -66,26 +74,36 @@ fn config(time: f64) -> Config {
     config
 }
 
-fn update(name: &str, path: &Path, frames: usize, by: DeformedBy) {
-    let loaded = Loaded::moving_from_file(path, &config(0.0)).expect("the scene");
-    let parted = loaded.parted.as_ref().expect("moving parts");
-    let mut moving = MovingScene::new(&loaded.scene, loaded.trees(), parted, by).expect("a moving scene");
-    let (mut times, before) = (Vec::new(), cpu_time::of_all_threads());
-    for frame in 0..frames {
-        let start = Instant::now();
-        moving.at(frame as f64 * PERIOD);
-        times.push(start.elapsed().as_secs_f64() * 1e3);
+/// A scene that is brought to instants, and how long each took in milliseconds.
+struct Side {
+    moving: MovingScene,
+    tracer: Tracer,
+    host: Vec<f64>,
+    /// With the device.
+    whole: Vec<f64>,
+    /// Nanoseconds of processors.
+    spent: u64,
+}
+
+impl Side {
+    fn of(device: &Device, loaded: &Loaded, parted: &Parted, by: DeformedBy) -> Side {
+        let moving = MovingScene::new(&loaded.scene, loaded.trees(), parted, by).expect("a moving scene");
+        let tracer =
+            Tracer::new(device, &loaded.scene, loaded.trees(), &loaded.environment).expect("a tracer");
+        Side { moving, tracer, host: Vec::new(), whole: Vec::new(), spent: 0 }
     }
-    println!(
-        "| {name} | {} | {:.1} ms | {:.1} ms | {:.1} ms |",
-        loaded.scene.triangles(),
-        times.iter().copied().fold(f64::INFINITY, f64::min),
-        median(&times).unwrap_or(0.0),
-        cpu_time::of_all_threads()
-            .zip(before)
-            .map_or(f64::NAN, |(after, before)| (after - before) as f64 * 1e-6)
-            / frames as f64,
-    );
+
+    fn bring_to(&mut self, time: f64, device: &Device) {
+        let (start, before) = (Instant::now(), cpu_time::of_all_threads());
+        let state = self.moving.at(time);
+        self.host.push(start.elapsed().as_secs_f64() * 1e3);
+        self.tracer.move_to(&state).expect("the device");
+        device.finish().expect("the device");
+        self.whole.push(start.elapsed().as_secs_f64() * 1e3);
+        let after = cpu_time::of_all_threads();
+        // A thread that has ended meanwhile, as one that built a tree, takes its time along.
+        self.spent += after.zip(before).map_or(0, |(after, before)| after.saturating_sub(before));
+    }
 }
 
 struct Machine {
@@ -96,6 +114,30 @@ struct Machine {
 impl Machine {
     fn renderer(&self, loaded: &Loaded, config: &Config) -> Renderer {
         Renderer::new(&self.device, &self.context, loaded, config, Output::Display).expect("a renderer").0
+    }
+
+    /// A scene that each of some brings to the same instants in turn: on the host alone, and until the device has it.
+    fn update(&self, name: &str, path: &Path, frames: usize, all: &[DeformedBy]) {
+        let loaded = Loaded::moving_from_file(path, &config(0.0)).expect("the scene");
+        let parted = loaded.parted.as_ref().expect("moving parts");
+        let mut sides: Vec<_> = all.iter().map(|&by| Side::of(&self.device, &loaded, parted, by)).collect();
+        for frame in 0..frames {
+            sides.iter_mut().for_each(|side| side.bring_to(frame as f64 * PERIOD, &self.device));
+        }
+        for (side, by) in sides.iter().zip(all) {
+            let [host, whole] = [&side.host, &side.whole].map(|times| {
+                (times.iter().copied().fold(f64::INFINITY, f64::min), median(times).unwrap_or(0.0))
+            });
+            println!(
+                "| {name}, by {by:?} | {} | {:.1} ms | {:.1} ms | {:.1} ms | {:.1} ms | {:.1} ms |",
+                loaded.scene.triangles(),
+                host.0,
+                host.1,
+                whole.0,
+                whole.1,
+                side.spent as f64 * 1e-6 / frames as f64,
+            );
+        }
     }
 
     /// The tube's tree after ten seconds of motion, and one built there.
