@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<()> {
         rest: args.options.picture.view.viewpoint(&loaded.scene, &config)?.0,
         gaze: args.options.look.gaze,
         still: false,
-        hands: false,
+        hands: None,
         out: &args.out,
     };
     let frames = |frame_ms: f64| (BUDGET_MS / frame_ms.max(1.0)).clamp(2.0, MAX_FRAMES) as u32;

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use glam::DVec2;
 use indicatif::ProgressBar;
 use serde::Serialize;
@@ -15,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::frame::budget::{self, Controller};
 use crate::frame::log::{FrameLog, FrameRecord};
 use crate::frame::{FrameReport, Loaded, Output, Step};
-use crate::headset::mock::{MockHeadset, PictureSink, Profile, Script};
+use crate::headset::mock::{MockHands, MockHeadset, PictureSink, Profile, Script};
 use crate::headset::{Fault, Keys, Outcome};
 use crate::math::pose::Pose;
 use crate::session::{FrameLoop, Link, Observer, Rig, Shown};
@@ -38,13 +39,31 @@ pub struct Args {
     /// Keep head and gaze at rest, for measuring what changes when nothing moves.
     #[arg(long)]
     still: bool,
-    /// Hold a controller in each hand.
-    #[arg(long)]
-    hands: bool,
+    /// Hold both hands before the head: controllers, or bare ones.
+    #[arg(long, value_name = "WHAT", num_args = 0..=1, require_equals = true, default_missing_value = "controllers")]
+    hands: Option<HandsFlag>,
     #[command(flatten)]
     speed: SpeedFlag,
     #[command(flatten)]
     pub(super) options: RenderOptions,
+}
+
+/// What `--hands` shows.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum HandsFlag {
+    /// A controller in each hand.
+    Controllers,
+    /// Hands that are tracked, and open and close.
+    Bare,
+}
+
+impl HandsFlag {
+    fn held(self) -> MockHands {
+        match self {
+            HandsFlag::Controllers => MockHands::Controllers,
+            HandsFlag::Bare => MockHands::Bare,
+        }
+    }
 }
 
 /// What a mock run tells with `--json`.
@@ -88,8 +107,8 @@ pub struct Session<'a> {
     pub gaze: Option<DVec2>,
     /// Keep head and gaze at rest.
     pub still: bool,
-    /// Hold a controller in each hand.
-    pub hands: bool,
+    /// What is held before the head.
+    pub hands: Option<MockHands>,
     /// Where files go.
     pub out: &'a Path,
 }
@@ -100,8 +119,8 @@ pub fn run(args: &Args) -> Result<()> {
     let profile = profile(&args.headset)?;
     check_out(&args.out)?;
     let (machine, loaded) = render::open_with(&config, || match args.hands {
-        true => render::load_worn(&args.scene, &config),
-        false => render::load_moving(&args.scene, &config),
+        Some(_) => render::load_worn(&args.scene, &config),
+        None => render::load_moving(&args.scene, &config),
     })?;
     output::print_warnings(&loaded.warnings);
     let (rest, _) = args.options.picture.view.viewpoint(&loaded.scene, &config)?;
@@ -113,7 +132,7 @@ pub fn run(args: &Args) -> Result<()> {
         rest,
         gaze: args.options.look.gaze,
         still: args.still,
-        hands: args.hands,
+        hands: args.hands.map(HandsFlag::held),
         out: &args.out,
     };
     let summary = session.run(|_| args.frames, f64::from(args.frames) / profile.refresh_hz)?;
@@ -182,8 +201,8 @@ impl Session<'_> {
         };
         let mono = self.config.view.stereo == Stereo::Mono;
         let mut headset = MockHeadset::new(&self.machine.context, self.profile, mono, script, seconds)?;
-        if self.hands {
-            headset.hold_controllers();
+        if let Some(hands) = self.hands {
+            headset.hold(hands);
         }
         let mut frame_loop =
             FrameLoop::new(self.config, &self.loaded.scene, Rig::in_place(), self.gaze, None);

@@ -47,9 +47,9 @@ pub struct HeadsetConfig {
     pub turn: Turn,
     /// Degrees of a snap turn, or per second of a smooth one.
     pub turn_degrees: f64,
-    /// Draw controllers in the scene, and where the pointing one points while it aims.
+    /// Draw hands in the scene, or the controllers that they hold, and where the pointing one points while it aims.
     pub show_hands: bool,
-    /// What controllers can seize in the scene.
+    /// What hands can seize in the scene.
     pub grab: Grab,
     /// Let the terminal's keys move the wearer too.
     pub keyboard: bool,

@@ -2,6 +2,7 @@
 
 use glam::{DQuat, DVec2, DVec3};
 
+use crate::math::hand::Joints;
 use crate::math::pose::Pose;
 
 /// How far a stick is pushed before it counts, and how far it must come back to count again.
@@ -36,6 +37,8 @@ pub struct Hands {
     pub aiming: bool,
     /// Where the left and the right hand hold things, in the tracked space; `None` where they are not seen.
     pub grips: [Option<Pose>; 2],
+    /// The joints of the left and the right hand in the tracked space, where these are seen and hold no controller.
+    pub joints: [Option<Joints>; 2],
     /// The left and the right hand squeeze what they hold.
     pub squeezes: [bool; 2],
     /// Where the pointing hand is and, along its -Z, points: in the tracked space.

@@ -8,6 +8,7 @@
 //! smoothly.
 
 pub mod blue_noise;
+pub mod hand;
 pub mod pose;
 pub mod spacing;
 pub mod view;

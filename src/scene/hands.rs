@@ -1,4 +1,5 @@
-//! What is drawn of the wearer's hands: two controllers, the ray of the one that points, and the spot that it points at.
+//! What is drawn of the wearer's hands: hands by their joints, or controllers, the ray of the one that points, and the spot
+//! that it points at.
 //!
 //! They are moving parts of the scene, the last ones, whose matrices are given from outside for each frame instead of by
 //! animations: so they are lit, throw shadows and are mirrored as all else. What is not there is left out of the tree's
@@ -11,10 +12,15 @@ use glam::{DMat4, DQuat, DVec3, Vec2, Vec3, Vec4};
 
 use super::animation::{Geometry, Motion, Part};
 use super::{Material, Mesh, Scene};
+use crate::math::hand::{self, JOINTS, Joints, WRIST};
 use crate::math::pose::Pose;
+
+mod skin;
 
 /// Metres from the hand to where its ray begins.
 const BEFORE: f64 = 0.1;
+/// How far fingers are bent at each joint in the hand around which trees are built, in radians.
+const RELAXED: f64 = 0.3;
 /// How far a ray is shown that meets nothing, in metres.
 const FARTHEST: f64 = 20.0;
 
@@ -23,6 +29,8 @@ const FARTHEST: f64 = 20.0;
 pub struct HandPlaces {
     /// The grips of the left and of the right hand, as OpenXR has them: -Z goes from the little finger to the thumb.
     pub grips: [Option<Pose>; 2],
+    /// The joints of the left and of the right hand, where these are seen and hold no controller.
+    pub joints: [Option<Joints>; 2],
     /// What the hand points at that does.
     pub aim: Option<Aim>,
 }
@@ -48,8 +56,8 @@ pub struct Met {
 }
 
 impl HandPlaces {
-    /// `world_from_part` of each part that [`attach`] has added.
-    pub fn matrices(&self) -> [Option<DMat4>; 4] {
+    /// `world_from_node` of each node that [`attach`] has added: two controllers, ray, spot, and the joints of both hands.
+    pub fn matrices(&self) -> Vec<Option<DMat4>> {
         let placed = |pose: Pose| DMat4::from_rotation_translation(pose.rotation, pose.position);
         let ray = self.aim.map(|Aim { hand, met }| {
             let length = met.map_or(FARTHEST, |met| met.point.distance(hand.position));
@@ -62,7 +70,12 @@ impl HandPlaces {
             let turn = DQuat::from_rotation_arc(DVec3::Z, met.normal);
             DMat4::from_rotation_translation(turn, met.point)
         });
-        [self.grips[0].map(placed), self.grips[1].map(placed), ray, spot]
+        let controller = |hand: usize| self.grips[hand].filter(|_| self.joints[hand].is_none()).map(placed);
+        let joints = self
+            .joints
+            .iter()
+            .flat_map(|hand| hand.as_ref().map_or([None; JOINTS], |joints| skin::places(joints).map(Some)));
+        [controller(0), controller(1), ray, spot].into_iter().chain(joints).collect()
     }
 }
 
@@ -86,6 +99,7 @@ pub fn attach(scene: &mut Scene, start: f64) {
     let first = scene.materials.len() as u32;
     scene.materials.push(matte("controller", Vec3::new(0.12, 0.13, 0.15)));
     scene.materials.push(matte("teleport mark", Vec3::new(0.1, 0.7, 0.9)));
+    scene.materials.push(matte("hand", Vec3::new(0.42, 0.36, 0.33)));
     let controller = Arc::new(lathed(&CONTROLLER, 24));
     let shapes = [
         (controller.clone(), first),
@@ -96,24 +110,34 @@ pub fn attach(scene: &mut Scene, start: f64) {
     for (geometry, material) in shapes {
         let node = motion.skeleton.nodes() + motion.given.len();
         motion.given.push(rest);
-        let part = append(&mut scene.mesh, geometry, material, node, (rest, scene.anchor));
+        let place = |p: DVec3| rest.transform_point3(p);
+        let vertices = geometry.positions.iter().map(|p| place(p.as_dvec3())).collect();
+        motion.parts.push(append(&mut scene.mesh, geometry, material, node, (vertices, scene.anchor)));
+    }
+    for left in [true, false] {
+        let node = motion.skeleton.nodes() + motion.given.len();
+        let joints = if left { hand::mirrored(&hand::bent(RELAXED)) } else { hand::bent(RELAXED) };
+        motion.given.extend(skin::places(&joints).map(|place| rest * place));
+        let geometry = Arc::new(skin::hand(std::array::from_fn(|joint| node + joint), left));
+        let pose = motion.pose(start, &motion.given, &[]);
+        let vertices = geometry.places(&pose, node, &DMat4::IDENTITY);
+        let part = append(&mut scene.mesh, geometry, first + 2, node + WRIST, (vertices, scene.anchor));
         motion.parts.push(part);
     }
     scene.motion = Some(Arc::new(motion));
 }
 
-/// Appends a geometry to a mesh, placed by a matrix.
+/// Appends a geometry to a mesh, with its vertices where they are in the world.
 fn append(
     mesh: &mut Mesh,
     geometry: Arc<Geometry>,
     material: u32,
     node: usize,
-    (place, anchor): (DMat4, DVec3),
+    (vertices, anchor): (Vec<DVec3>, DVec3),
 ) -> Part {
     let (first, first_triangle) = (mesh.positions.len(), mesh.triangles.len());
     let count = geometry.positions.len();
-    let at = |p: &Vec3| (place.transform_point3(p.as_dvec3()) - anchor).as_vec3();
-    mesh.positions.extend(geometry.positions.iter().map(at));
+    mesh.positions.extend(vertices.iter().map(|p| (*p - anchor).as_vec3()));
     mesh.normals.extend(&geometry.normals);
     // What materials of others read, and these do not.
     fn fill<T: Clone>(list: &mut Vec<T>, value: T, count: usize) {
@@ -223,16 +247,25 @@ mod tests {
         let aim = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), point);
         let shown = |can_stand| {
             let met = Some(Met { point, normal, can_stand });
-            HandPlaces { grips: [None, Some(grip)], aim: Some(Aim { hand: aim, met }) }
+            HandPlaces {
+                grips: [None, Some(grip)],
+                aim: Some(Aim { hand: aim, met }),
+                ..HandPlaces::default()
+            }
         };
-        let [left, right, ray, spot] = shown(true).matrices();
+        let [left, right, ray, spot, ref joints @ ..] = shown(true).matrices()[..] else { unreachable!() };
         assert!(left.is_none() && shown(false).matrices()[3].is_none());
         assert!(right.unwrap().transform_point3(DVec3::ZERO).distance(grip.position) < 1e-12);
         assert!(ray.unwrap().transform_point3(DVec3::NEG_Z).distance(point) < 1e-9, "the ray ends there");
         let spot = spot.unwrap();
         assert!(spot.transform_point3(DVec3::ZERO).distance(point) < 1e-12);
         assert!(spot.transform_vector3(DVec3::Z).distance(normal) < 1e-12);
-        assert_eq!(HandPlaces::default().matrices(), [None; 4]);
+        assert_eq!(joints, [None; 2 * JOINTS]);
+        // A hand that is seen holds no controller.
+        let seen = HandPlaces { joints: [None, Some(hand::bent(0.2))], ..shown(true) }.matrices();
+        assert!(seen[1].is_none() && seen[2] == ray && seen[4..4 + JOINTS].iter().all(Option::is_none));
+        let tip = seen[4 + JOINTS + 10].unwrap();
+        assert!(tip.w_axis.truncate().distance(hand::bent(0.2)[10].pose.position) < 1e-12);
     }
 
     #[test]
@@ -244,7 +277,7 @@ mod tests {
         attach(&mut scene, 0.5);
         assert_eq!(before, (scene.bounds(), crate::scene::Features::required_by(&scene, &environment)));
         let (mesh, motion) = (&scene.mesh, scene.motion.as_ref().unwrap());
-        assert_eq!((motion.parts.len(), motion.given.len(), motion.start), (4, 4, 0.5));
+        assert_eq!((motion.parts.len(), motion.given.len(), motion.start), (6, 4 + 2 * JOINTS, 0.5));
         for list in [mesh.tangents.len(), mesh.colors.len(), mesh.uvs[0].len(), mesh.uvs[1].len()] {
             assert!(list == 0 || list == mesh.positions.len());
         }

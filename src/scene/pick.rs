@@ -10,7 +10,7 @@ use super::{Mesh, Scene};
 pub fn nearest(scene: &Scene, origin: DVec3, direction: DVec3) -> Option<(DVec3, DVec3)> {
     let least = |a: &(f64, DVec3), b: &(f64, DVec3)| a.0.total_cmp(&b.0);
     // Nobody points at their own hands, or stands on them.
-    let given = scene.motion.as_ref().and_then(|motion| motion.first_given());
+    let given = scene.motion.as_ref().and_then(|motion| motion.parts.get(motion.parts_before_given()));
     let own = given.map_or(scene.mesh.triangles.len(), |part| part.triangles.start);
     let world = in_mesh(&scene.mesh, &scene.mesh.triangles[..own], |p| p, origin, direction);
     let instanced = scene.instanced.iter().filter_map(|instanced| {

@@ -5,6 +5,7 @@ use glam::{DVec2, DVec3};
 use crate::config::{HeadsetConfig, Turn, Walk};
 use crate::headset::locomotion::{Hands, Locomotion, Manner, upright};
 use crate::headset::{EyeView, Keys};
+use crate::math::hand::Joint;
 use crate::math::pose::Pose;
 use crate::scene::hands::{Aim, HandPlaces, Met};
 use crate::scene::{Scene, pick};
@@ -110,7 +111,12 @@ impl Rig {
             });
             Aim { hand, met }
         });
-        HandPlaces { grips: hands.grips.map(|grip| grip.map(|grip| self.in_scene(grip))), aim }
+        let joint = |joint: Joint| Joint { pose: self.in_scene(joint.pose), ..joint };
+        HandPlaces {
+            grips: hands.grips.map(|grip| grip.map(|grip| self.in_scene(grip))),
+            joints: hands.joints.map(|joints| joints.map(|joints| joints.map(joint))),
+            aim,
+        }
     }
 
     /// Has the eyes as high above the ground as at the start, however tall or seated the wearer is: until they go
@@ -168,6 +174,7 @@ pub fn between(eyes: &[EyeView]) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::hand;
     use glam::DQuat;
 
     #[test]
@@ -195,9 +202,13 @@ mod tests {
         let mut config = crate::config::Config::default().headset;
         let rig = Rig::new(start, &scene, &config);
         let grip = Pose::new(DQuat::from_rotation_x(-0.5), DVec3::new(0.2, -0.3, -0.4));
-        let hands = Hands { grips: [None, Some(grip)], aim: Some(grip), aiming: true, ..Hands::default() };
+        let joints = [Some(hand::bent(0.5)), None];
+        let hands =
+            Hands { grips: [None, Some(grip)], joints, aim: Some(grip), aiming: true, ..Hands::default() };
         let shown = rig.hands(&hands, &scene);
         assert_eq!(shown.grips, [None, Some(rig.in_scene(grip))]);
+        let (tip, own) = (shown.joints[0].unwrap()[10], joints[0].unwrap()[10]);
+        assert!(tip.pose == rig.in_scene(own.pose) && tip.radius == own.radius && shown.joints[1].is_none());
         let Aim { hand: aim, met } = shown.aim.unwrap();
         let Met { point, normal, .. } = met.unwrap();
         assert!((point - aim.position).normalize().dot(aim.rotation * DVec3::NEG_Z) > 1.0 - 1e-9);

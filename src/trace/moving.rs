@@ -18,8 +18,8 @@
 //! of no area would be met by rays that miss it; winding is that of the first instant; what is no part of the
 //! scene at the first instant, since it is not finite there, never comes. Triangles and instances of what moves as
 //! a whole say so by a number (`src/scene/animation/movers.rs`), by which reuse over time finds where each surface
-//! point was in the last frame (`point_before` in `kernels/accumulate.wgsl`); on what bends, and beyond 127 numbers,
-//! light begins anew in each frame. The cache of light forgets five times as fast. More than eight lights are chosen among by
+//! point was in the last frame (`point_before` in `kernels/accumulate.wgsl`), those of a skin by the number of the joint that
+//! they follow most, as if nothing was morphed; beyond 127 numbers light begins anew in each frame. The cache of light forgets five times as fast. More than eight lights are chosen among by
 //! a tree, into which one that is dark at first never comes. What keeps its form and has many triangles is an instance of
 //! a shape instead (`src/scene/instanced.rs`): a matrix and a door in the top, nothing else, are made anew. Skinned
 //! and morphed parts are deformed by devices themselves where that is wanted: see `src/trace/deform.rs`.
@@ -237,16 +237,16 @@ impl MovingScene {
 
     fn is_empty(&self) -> bool {
         let motion = &self.motion;
-        let by_itself = motion.parts.len() - motion.given.len() + motion.rigid.len();
+        let by_itself = motion.parts_before_given() + motion.rigid.len();
         by_itself + motion.lights.len() + motion.materials.len() == 0 && !self.given.iter().any(|own| own.1)
     }
 
     /// Everything at a time, in seconds since the animations began.
     pub fn at(&mut self, time: f64) -> SceneState {
         let given: Vec<DMat4> = self.given.iter().map(|own| own.0).collect();
-        let first_given = self.motion.parts.len() - given.len();
-        for (index, (_, shown)) in self.given.iter().enumerate() {
-            self.parted.hide(first_given + index, !shown);
+        let nodes = self.motion.skeleton.nodes();
+        for (index, part) in self.motion.parts.iter().enumerate().skip(self.motion.parts_before_given()) {
+            self.parted.hide(index, !self.given[part.node - nodes].1);
         }
         self.rests = self.is_empty();
         let motion = self.motion.clone();

@@ -126,6 +126,9 @@ fn rendering_flags_hold_for_the_mock_headset() {
         let changed = differing(&base, &first(flags).0);
         assert!(changed > 100, "{flags} changes {changed} pixels");
     }
+    // Both hands are held below the horizon.
+    let [held, bare] = ["--hands", "--hands=bare"].map(|flags| first(flags).0);
+    assert!(differing(&base, &held) > 20 && differing(&base, &bare) > 20 && differing(&held, &bare) > 20);
     let (mono, told, _) = first("--stereo mono --samples 900");
     assert_eq!((mono.dimensions(), &told["samples"]), ((96, 32), &json!(900)));
     assert_eq!(first("--gaze 0.25,0.75").2[0]["gaze"], json!([0.25, 0.75]));

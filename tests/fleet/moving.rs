@@ -248,13 +248,13 @@ fn reuse_over_time_does_no_harm_to_what_moves() {
     let Some((info, context)) = machine() else { return };
     let device = Device::open(&info).unwrap();
     for instancing in [Instancing::Flat, Instancing::Shared] {
-        let [_, moved, stayed] =
+        let [_, moved, stayed, _] =
             errors_with_reuse(&device, &context, instancing, |config| config, (true, 1.0 / 30.0));
         assert!(moved <= 1.02 && stayed <= 1.02, "{instancing:?}: {moved} {stayed}");
     }
 }
 
-/// And it goes with what moves as a whole, by both variants of the kernels.
+/// And it goes with what moves as a whole, and with a skin that bends, by both variants of the kernels.
 #[test]
 fn light_goes_with_what_moves_as_a_whole() {
     let Some((info, context)) = machine() else { return };
@@ -265,21 +265,24 @@ fn light_goes_with_what_moves_as_a_whole() {
                 config.trace.traversal = traversal;
                 config
             };
-            let [boxes, ..] = errors_with_reuse(&device, &context, instancing, by, (false, 1.0 / 150.0));
+            let [boxes, _, _, skin] =
+                errors_with_reuse(&device, &context, instancing, by, (false, 1.0 / 150.0));
             assert!(boxes < 0.5, "{instancing:?} {traversal:?}: {boxes}");
+            assert!(skin < 0.5, "{instancing:?} {traversal:?}: {skin}");
         }
     }
 }
 
 /// Of the last of a dozen frames so many seconds apart, with and without a lamp that moves: the squared error with reuse
-/// over that without, where the boxes are, which move as a whole, where anything moves, and where it stays.
+/// over that without, where the boxes are, which move as a whole, where anything moves, where it stays,
+/// and where what moves is no box: a skin.
 fn errors_with_reuse(
     device: &Device,
     context: &Context,
     instancing: Instancing,
     with: impl Fn(Config) -> Config,
     (has_lamp, period): (bool, f64),
-) -> [f64; 3] {
+) -> [f64; 4] {
     let folder = tempfile::tempdir().unwrap();
     let path = world_of_two(has_lamp).write_glb(folder.path());
     const FRAMES: u32 = 12;
@@ -311,7 +314,8 @@ fn errors_with_reuse(
         truth.chunks(4).zip(&moved).map(|(pixel, moved)| *moved && pixel[0] > 1.5 * pixel[2]).collect();
     assert!(boxes.iter().filter(|&&is_box| is_box).count() > 200);
     let stayed: Vec<bool> = moved.iter().map(|moved| !moved).collect();
-    [boxes, moved, stayed].map(|places| {
+    let skin: Vec<bool> = moved.iter().zip(&boxes).map(|(moved, is_box)| *moved && !is_box).collect();
+    [boxes, moved, stayed, skin].map(|places| {
         let error = |picture: &[f32]| {
             let tone = |v: f32| f64::from(v / (1.0 + v));
             let pixel = |i: usize| {

@@ -62,7 +62,7 @@ pub fn settings() -> Config {
 
 fn held(place: DVec3) -> HandPlaces {
     let grip = Pose { rotation: DQuat::IDENTITY, position: place };
-    HandPlaces { grips: [None, Some(grip)], aim: None }
+    HandPlaces { grips: [None, Some(grip)], ..HandPlaces::default() }
 }
 
 fn seen(renderer: &mut Renderer, hands: &HandPlaces) -> Vec<f32> {
@@ -130,7 +130,7 @@ fn the_ray_and_the_spot_of_who_aims_are_seen() {
     let target = DVec3::new(0.3, 0.0, -0.3);
     let aiming = |can_go| {
         let met = Some(Met { point: target, normal: DVec3::Y, can_stand: can_go });
-        HandPlaces { grips: [None; 2], aim: Some(Aim { hand: Pose::look_at(HAND, target), met }) }
+        HandPlaces { aim: Some(Aim { hand: Pose::look_at(HAND, target), met }), ..HandPlaces::default() }
     };
     let blue = |picture: &[f32], point: DVec3| {
         let at = pixel(point) * 4;

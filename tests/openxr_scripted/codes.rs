@@ -116,7 +116,7 @@ pub const BEFORE: [Call; 12] = [
 
 /// Calls of a session. Those that make something and those of frames take turns, so that sessions that show nothing
 /// are not too many in a row.
-pub const SESSIONS: [Call; 31] = [
+pub const SESSIONS: [Call; 34] = [
     call(
         "xrCreateReferenceSpace",
         Part::Session(1),
@@ -161,9 +161,17 @@ pub const SESSIONS: [Call; 31] = [
     ),
     call("xrWaitSwapchainImage", Part::Session(8), Session, &[ORDER]),
     call("xrCreateActionSpace", Part::Session(1), GoesOn, &[MEMORY, LIMIT, POSE, PATHS, PATH, MISMATCH]),
+    call("xrGetCurrentInteractionProfile", Part::Session(3), GoesOn, &[PATH, PATHS, DETACHED]),
     call("xrReleaseSwapchainImage", Part::Session(8), Session, &[ORDER]),
+    call(
+        "xrCreateHandTrackerEXT",
+        Part::Session(1),
+        GoesOn,
+        &[MEMORY, LIMIT, FUNCTION, "ERROR_FEATURE_UNSUPPORTED"],
+    ),
     call("xrAttachSessionActionSets", Part::Session(1), GoesOn, &[ATTACHED]),
     call("xrGetActionStateBoolean", Part::Session(3), GoesOn, &[PATHS, PATH, MISMATCH, DETACHED]),
+    call("xrLocateHandJointsEXT", Part::Session(3), GoesOn, &[FUNCTION, TIME]),
     call("xrEnumerateReferenceSpaces", Part::Session(1), GoesOn, &[SIZE]),
     call("xrGetVisibilityMaskKHR", Part::Session(1), GoesOn, &[FUNCTION, SIZE, VIEWS]),
     call("xrGetActionStateVector2f", Part::Session(5), GoesOn, &[PATHS, PATH, MISMATCH, DETACHED]),

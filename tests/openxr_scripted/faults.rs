@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use fake_runtime::order::State::{self, Exiting, Idle, LossPending, Stopping, Synchronized, Visible};
-use fake_runtime::script::{Fault, Gaze, Head, Script, Session, Step, When};
+use fake_runtime::script::{Fault, Gaze, Head, Script, SeenHand, Session, Step, When};
 
 use super::codes::{BEFORE, Call, ENDS, Part, Remedy, SESSIONS};
 use super::{Run, command, finished, possible, run, sessions};
@@ -23,11 +23,12 @@ fn fault(call: &str, from: u64, to: u64, result: &str) -> Fault {
     Fault { call: call.into(), from, to, result: result.into() }
 }
 
-/// A headset of which everything is asked: eyes and hands are tracked.
+/// A headset of which everything is asked: eyes and hands are tracked, which act as the simple controller does.
 fn headset(script: Script) -> Script {
     let gaze = vec![Gaze { frame: 1, yaw: 10.0, ..Gaze::default() }];
-    let profile = Some("/interaction_profiles/oculus/touch_controller".into());
-    Script { eye_tracker: true, gaze, profile, period_ms: 5.0, ..script }
+    let profile = Some("/interaction_profiles/khr/simple_controller".into());
+    let seen_hands = [true, false].map(|left| SeenHand { frame: 1, left, ..SeenHand::default() }).to_vec();
+    Script { eye_tracker: true, gaze, profile, seen_hands, period_ms: 5.0, ..script }
 }
 
 /// What makes the program ask for a rate too.

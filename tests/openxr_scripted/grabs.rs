@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use fake_runtime::script::{Dump, HandMove, Input, Script, Session, View};
+use fake_runtime::script::{Dump, HandMove, Input, Script, SeenHand, Session, View};
 use serde_json::json;
 
 use super::common::builder::Builder;
@@ -48,24 +48,32 @@ type Pressed<'a> = (&'a str, u64, u64);
 /// Where the left eye sees the thing in each of these frames: pixels across and down; nothing where the program cannot
 /// be run.
 fn seen(profile: &str, pressed: &[Pressed], hands: &[HandMove], frames: &[u64]) -> Option<Vec<[f64; 2]>> {
-    if !possible() {
-        return None;
-    }
-    let pictures = tempfile::tempdir().unwrap();
     let input = |&(path, from, to): &Pressed| Input {
         path: format!("/user/hand/{path}"),
         from,
         to,
         value: [1.0, 0.0],
     };
-    let dump = |&frame: &u64| Dump { frame, folder: pictures.path().join(frame.to_string()) };
-    let held = HandMove { frame: 1, shift: BEFORE, ..HandMove::default() };
     let script = Script {
         profile: Some(format!("/interaction_profiles/{profile}")),
         inputs: pressed.iter().map(input).collect(),
+        ..Script::default()
+    };
+    seen_with(script, hands, frames)
+}
+
+/// The same with what else a script says of hands.
+fn seen_with(script: Script, hands: &[HandMove], frames: &[u64]) -> Option<Vec<[f64; 2]>> {
+    if !possible() {
+        return None;
+    }
+    let pictures = tempfile::tempdir().unwrap();
+    let dump = |&frame: &u64| Dump { frame, folder: pictures.path().join(frame.to_string()) };
+    let held = HandMove { frame: 1, shift: BEFORE, ..HandMove::default() };
+    let script = Script {
         hands: [&[held], hands].concat(),
         sessions: vec![Session { dumps: frames.iter().map(dump).collect(), ..Session::default() }],
-        ..Script::default()
+        ..script
     };
     let folder = tempfile::tempdir().unwrap();
     let count = *frames.iter().max().unwrap() as u32 + 2;
@@ -133,6 +141,21 @@ fn a_thing_goes_with_the_hand_that_squeezes_and_stays_where_it_is_let_go() {
             assert_at(found[at], pixel(expected), &format!("{profile}, picture {at}"));
         }
     }
+}
+
+/// Without a controller: the fingers close around it, and open.
+#[test]
+fn a_bare_hand_seizes_as_it_closes() {
+    let is = |frame, closed| SeenHand { frame, closed, ..SeenHand::default() };
+    let seen_hands = vec![is(1, false), is(6, true), is(13, false)];
+    let script = || Script { seen_hands: seen_hands.clone(), ..Script::default() };
+    let back = HandMove { frame: 16, shift: BEFORE, ..HandMove::default() };
+    let Some(found) = seen_with(script(), &[away(9), back], &[4, 7, 11, 20]) else { return };
+    for (at, expected) in [(0, RESTS), (1, RESTS), (2, carried()), (3, carried())] {
+        assert_at(found[at], pixel(expected), &format!("picture {at}"));
+    }
+    let open = Script { seen_hands: vec![is(1, false)], ..Script::default() };
+    assert_at(seen_with(open, &[away(9)], &[13]).unwrap()[0], pixel(RESTS), "an open hand");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The mock headset as the frame loop sees it: a script is its tracker, files are its display.
 
+use std::f64::consts::TAU;
 use std::time::Instant;
 
 use glam::{DQuat, DVec2, DVec3};
@@ -9,6 +10,7 @@ use crate::error::Result;
 use crate::gpu::vulkan::{Context, Format, Image};
 use crate::headset::locomotion::Hands;
 use crate::headset::{Canvas, Deadline, EyeView, Frame, Gaze, Headset, Input, Next, Outcome};
+use crate::math::hand::{self, Joint};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 
@@ -25,13 +27,28 @@ pub struct MockHeadset {
     begun: u32,
     image: Image,
     sink: Option<PictureSink>,
-    /// The wearer holds controllers.
-    hands: bool,
+    hands: Option<MockHands>,
+}
+
+/// What a mock headset's wearer has before the head.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MockHands {
+    /// A controller in each hand.
+    Controllers,
+    /// Both hands, which open and close.
+    Bare,
 }
 
 /// Where controllers are from the head, to either side, and how far they point down, in radians.
 const HELD: DVec3 = DVec3::new(0.16, -0.22, -0.42);
 const POINTING: f64 = -0.5;
+/// The same of wrists, which point up, and how far they are turned inwards.
+const WRISTS: DVec3 = DVec3::new(0.14, -0.2, -0.3);
+const RAISED: f64 = 0.5;
+const INWARDS: f64 = 0.35;
+/// How far fingers are bent at most at each of their joints, in radians, and how often they close, in hertz.
+const BENT: f64 = 1.3;
+const CLOSES: f64 = 0.5;
 
 impl MockHeadset {
     /// A headset whose head and eyes follow a script, which takes `seconds`; of one eye where it is `mono`. It shows
@@ -57,7 +74,7 @@ impl MockHeadset {
             begun: 0,
             image,
             sink: None,
-            hands: false,
+            hands: None,
         })
     }
 
@@ -66,20 +83,31 @@ impl MockHeadset {
         (self.frames, self.sink) = (frames, Some(sink));
     }
 
-    /// The wearer holds a controller in each hand from now on, before the head.
-    pub fn hold_controllers(&mut self) {
-        self.hands = true;
+    /// The wearer holds both hands before the head from now on.
+    pub fn hold(&mut self, hands: MockHands) {
+        self.hands = Some(hands);
     }
 
-    /// What hands hold at a time in seconds.
+    /// What hands do at a time in seconds.
     fn hands(&self, time: f64) -> Hands {
         let head = self.script.head_at(time);
-        let grip = |side: f64| {
-            let place = HELD * DVec3::new(side, 1.0, 1.0);
-            head.then(Pose::new(DQuat::from_rotation_x(POINTING), place))
-        };
-        let grips = if self.hands { [-1.0, 1.0].map(|side| Some(grip(side))) } else { [None; 2] };
-        Hands { grips, ..Hands::default() }
+        let at = |place: DVec3, side: f64| place * DVec3::new(side, 1.0, 1.0);
+        match self.hands {
+            None => Hands::default(),
+            Some(MockHands::Controllers) => {
+                let grip = |side| Pose::new(DQuat::from_rotation_x(POINTING), at(HELD, side));
+                Hands { grips: [-1.0, 1.0].map(|side| Some(head.then(grip(side)))), ..Hands::default() }
+            }
+            Some(MockHands::Bare) => {
+                let right = hand::bent(BENT * 0.5 * (1.0 - (TAU * CLOSES * time).cos()));
+                let joints = [(hand::mirrored(&right), -1.0), (right, 1.0)].map(|(joints, side)| {
+                    let turn = DQuat::from_rotation_y(side * INWARDS) * DQuat::from_rotation_x(RAISED);
+                    let wrist = head.then(Pose::new(turn, at(WRISTS, side)));
+                    Some(joints.map(|joint| Joint { pose: wrist.then(joint.pose), ..joint }))
+                });
+                Hands { joints, ..Hands::default() }
+            }
+        }
     }
 
     /// Pixels across and down of the whole picture.

@@ -7,7 +7,7 @@ pub mod profile;
 pub mod script;
 pub mod sink;
 
-pub use headset::MockHeadset;
+pub use headset::{MockHands, MockHeadset};
 pub use profile::Profile;
 pub use script::Script;
 pub use sink::{Files, PictureSink};

@@ -142,6 +142,7 @@ impl Actions {
             squeezes: [held_down(&self.squeezes[0], session), held_down(&self.squeezes[1], session)],
             recentre: pressed(&self.recentre, session),
             height: pressed(&self.height, session),
+            ..Hands::default()
         }
     }
 

@@ -14,7 +14,7 @@ use crate::headset::fault::NEXT;
 pub use crate::headset::fault::{Fault, Outcome};
 
 /// Calls that frames, or sessions, can do without.
-const DISPENSABLE: [&str; 14] = [
+const DISPENSABLE: [&str; 18] = [
     "xrLocateViews",
     "xrLocateSpace",
     "xrSyncActions",
@@ -25,6 +25,10 @@ const DISPENSABLE: [&str; 14] = [
     "xrCreateAction",
     "xrCreateActionSpace",
     "xrAttachSessionActionSets",
+    "xrGetCurrentInteractionProfile",
+    "xrGetSystemProperties",
+    "xrCreateHandTrackerEXT",
+    "xrLocateHandJointsEXT",
     "xrStringToPath",
     "xrGetVisibilityMaskKHR",
     "xrCreateSwapchain",

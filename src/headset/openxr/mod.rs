@@ -24,6 +24,7 @@ mod fault;
 mod floor;
 mod foveated;
 mod gaze;
+mod hand_tracking;
 mod lifecycle;
 mod runtime;
 mod session;

@@ -117,6 +117,7 @@ fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
     wanted.ext_local_floor = offered.ext_local_floor;
     // Controllers that were no part of OpenXR 1.0.
     wanted.bd_controller_interaction = offered.bd_controller_interaction;
+    wanted.ext_hand_tracking = offered.ext_hand_tracking;
     wanted.ext_hand_interaction = offered.ext_hand_interaction;
     wanted.ext_hp_mixed_reality_controller = offered.ext_hp_mixed_reality_controller;
     wanted.fb_touch_controller_pro = offered.fb_touch_controller_pro;

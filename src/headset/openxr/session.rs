@@ -18,6 +18,7 @@ use super::fault::{Called, Fault, Notes, Outcome};
 use super::floor::Floor;
 use super::foveated::Followed;
 use super::gaze::{self, EyeTracker};
+use super::hand_tracking::HandTrackers;
 use super::lifecycle::{self, Duty, Lifecycle};
 use super::runtime::Runtime;
 use super::setup::{Sizes, Steady, images, sizes};
@@ -63,6 +64,8 @@ pub struct Session {
     sizes: Sizes,
     actions: Option<Actions>,
     eyes: Option<EyeTracker>,
+    /// Hands that are seen without controllers.
+    hands: Option<HandTrackers>,
     /// What the insets follow.
     followed: Option<Followed>,
     space: xr::Space,
@@ -127,6 +130,8 @@ impl Session {
         if notes.or_without(attached, "neither controllers nor eyes are followed")?.is_none() {
             (actions, eyes) = (None, None);
         }
+        let made = HandTrackers::new(&runtime.instance, runtime.system, &session);
+        let hands = notes.or_without(made, "only controllers are seen, no hands")?.flatten();
         extras::request(&session, options.refresh_hz);
         let hidden = extras::hidden(&session, runtime.views, runtime.sizes.len());
         let follows = options.gaze && runtime.follows;
@@ -149,6 +154,7 @@ impl Session {
             followed,
             actions,
             eyes,
+            hands,
             space,
             waiter,
             stream,

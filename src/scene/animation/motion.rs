@@ -26,7 +26,7 @@ pub struct Motion {
     /// Materials that change. The scene has each of them as bright as it ever gets.
     pub materials: Vec<MovingMaterial>,
     /// Nodes beyond the skeleton's, where they are as long as nobody gives them another place: `world_from_node`, in
-    /// metres. The last parts hang on them, one on each.
+    /// metres. The last parts hang on them.
     pub given: Vec<DMat4>,
     /// Nodes that hands can seize.
     pub grabbable: Vec<Grabbable>,
@@ -73,9 +73,10 @@ impl Motion {
         self.parts.first().map_or(mesh.triangles.len(), |part| part.triangles.start)
     }
 
-    /// The first part that hangs on a node beyond the skeleton's, if any does.
-    pub fn first_given(&self) -> Option<&Part> {
-        self.parts.get(self.parts.len() - self.given.len())
+    /// How many parts there are before the first that hangs on a node beyond the skeleton's.
+    pub fn parts_before_given(&self) -> usize {
+        let nodes = self.skeleton.nodes();
+        self.parts.iter().rposition(|part| part.node < nodes).map_or(0, |last| last + 1)
     }
 
     /// Instances before the first that moves.

@@ -59,6 +59,25 @@ pub struct Skin {
     pub influences: Vec<(u32, f64)>,
 }
 
+impl Skin {
+    /// The joint's node that a triangle follows most; the first of several. `None` where it follows none.
+    pub fn leader(&self, triangle: &[u32; 3]) -> Option<usize> {
+        let of = |&vertex: &u32| {
+            let range = self.starts[vertex as usize]..self.starts[vertex as usize + 1];
+            &self.influences[range.start as usize..range.end as usize]
+        };
+        let mut shares: Vec<(u32, f64)> = Vec::new();
+        for &(joint, share) in triangle.iter().flat_map(of) {
+            match shares.iter_mut().find(|own| own.0 == joint) {
+                Some(own) => own.1 += share,
+                None => shares.push((joint, share)),
+            }
+        }
+        let most = shares.iter().map(|own| own.1).fold(0.0, f64::max);
+        shares.iter().find(|own| own.1 == most).map(|own| self.joints[own.0 as usize])
+    }
+}
+
 /// A geometry in the scene's mesh.
 #[derive(Clone, Debug)]
 pub struct Part {

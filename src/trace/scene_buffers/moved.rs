@@ -33,7 +33,7 @@ impl Moved {
     pub fn triangle(&self, triangle: usize) -> u32 {
         let part = self.parts.partition_point(|part| part.end <= triangle);
         let moves = self.parts.get(part).is_some_and(|range| range.start <= triangle);
-        if moves { motion(self.movers.of_part(part)) } else { 0 }
+        if moves { motion(self.movers.of_part(part, triangle - self.parts[part].start)) } else { 0 }
     }
 
     /// [`layout::Instance::motion`] of an instance.

@@ -52,11 +52,12 @@ typed! {
     ActionStateGetInfo ActionStatePose ActionStateVector2f ActionsSyncInfo BoundSourcesForActionEnumerateInfo
     CompositionLayerDepthInfoKHR CompositionLayerProjection CompositionLayerProjectionView CompositionLayerQuad EventDataBuffer
     ExtensionProperties EyeGazeSampleTimeEXT FoveatedViewConfigurationViewVARJO FrameBeginInfo FrameEndInfo FrameState FrameWaitInfo GraphicsBindingVulkanKHR
+    HandJointLocationsEXT HandJointsLocateInfoEXT HandTrackerCreateInfoEXT
     GraphicsRequirementsVulkanKHR HapticActionInfo InputSourceLocalizedNameGetInfo InstanceCreateInfo
     InstanceProperties InteractionProfileState InteractionProfileSuggestedBinding ReferenceSpaceCreateInfo
     SessionActionSetsAttachInfo SessionBeginInfo SessionCreateInfo SpaceLocation SpaceVelocity
     SwapchainCreateInfo SwapchainImageAcquireInfo SwapchainImageReleaseInfo SwapchainImageVulkanKHR SwapchainImageWaitInfo SystemEyeGazeInteractionPropertiesEXT
-    SystemFoveatedRenderingPropertiesVARJO SystemGetInfo SystemProperties View ViewConfigurationProperties ViewConfigurationView ViewLocateFoveatedRenderingVARJO ViewLocateInfo
+    SystemFoveatedRenderingPropertiesVARJO SystemHandTrackingPropertiesEXT SystemGetInfo SystemProperties View ViewConfigurationProperties ViewConfigurationView ViewLocateFoveatedRenderingVARJO ViewLocateInfo
     ViewState VisibilityMaskKHR VulkanDeviceCreateInfoKHR VulkanGraphicsDeviceGetInfoKHR
     VulkanInstanceCreateInfoKHR
 }
@@ -250,6 +251,30 @@ impl Out<xr::VisibilityMaskKHR> {
         let (points, corners) = (Out(mask.vertices), Out(mask.indices));
         points.fill(mask.vertex_capacity_input, Out(&mut mask.vertex_count_output), vertices)?;
         corners.fill(mask.index_capacity_input, Out(&mut mask.index_count_output), indices)
+    }
+}
+
+impl Out<xr::HandJointLocationsEXT> {
+    /// Writes where a hand's joints are into the places that the structure leads to, or that it is not seen.
+    pub fn joints(
+        self,
+        joints: Option<[xr::HandJointLocationEXT; xr::HAND_JOINT_COUNT_EXT]>,
+    ) -> Result<(), Refusal> {
+        self.header()?;
+        // SAFETY: there, of this type, and filled in by the application.
+        let locations = unsafe { &mut *self.0 };
+        if locations.joint_count as usize != xr::HAND_JOINT_COUNT_EXT {
+            let told = format!("{} joints are asked for", locations.joint_count);
+            return Err(wrong(xr::Result::ERROR_VALIDATION_FAILURE, told));
+        }
+        locations.is_active = joints.is_some().into();
+        let nowhere = xr::HandJointLocationEXT {
+            location_flags: xr::SpaceLocationFlags::EMPTY,
+            pose: xr::Posef { orientation: xr::Quaternionf::default(), position: xr::Vector3f::default() },
+            radius: f32::NAN,
+        };
+        let joints = joints.unwrap_or([nowhere; xr::HAND_JOINT_COUNT_EXT]);
+        Out(locations.joint_locations).fill(locations.joint_count, Out(&mut 0), joints.to_vec())
     }
 }
 

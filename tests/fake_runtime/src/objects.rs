@@ -88,6 +88,7 @@ pub(crate) enum Object {
     Swapchain(Box<Swapchain>),
     Space(Space),
     ActionSet { attached: bool },
+    HandTracker { left: bool },
     Action(Action),
 }
 
@@ -100,6 +101,7 @@ impl Object {
             Object::Swapchain(_) => "Swapchain",
             Object::Space(_) => "Space",
             Object::ActionSet { .. } => "ActionSet",
+            Object::HandTracker { .. } => "HandTracker",
             Object::Action(_) => "Action",
         }
     }

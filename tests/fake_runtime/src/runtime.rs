@@ -67,6 +67,7 @@ pub(crate) enum On {
     Swapchain(xr::Swapchain),
     Space(xr::Space),
     ActionSet(xr::ActionSet),
+    HandTracker(xr::HandTrackerEXT),
     Action(xr::Action),
 }
 
@@ -79,6 +80,7 @@ impl On {
             On::Swapchain(handle) => Some(("Swapchain", handle.into_raw())),
             On::Space(handle) => Some(("Space", handle.into_raw())),
             On::ActionSet(handle) => Some(("ActionSet", handle.into_raw())),
+            On::HandTracker(handle) => Some(("HandTracker", handle.into_raw())),
             On::Action(handle) => Some(("Action", handle.into_raw())),
         }
     }

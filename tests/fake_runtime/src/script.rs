@@ -43,6 +43,8 @@ pub struct Script {
     pub inputs: Vec<Input>,
     /// Where hands are elsewhere than held out before the head.
     pub hands: Vec<HandMove>,
+    /// Hands whose joints are seen, at the same places; the headset sees none without any.
+    pub seen_hands: Vec<SeenHand>,
     /// Results that calls give instead of doing their work, counted over the whole run.
     pub faults: Vec<Fault>,
     /// Calls that take their time.
@@ -71,6 +73,7 @@ impl Default for Script {
             without_paths: Vec::new(),
             inputs: Vec::new(),
             hands: Vec::new(),
+            seen_hands: Vec::new(),
             faults: Vec::new(),
             hangs: Vec::new(),
             sessions: Vec::new(),
@@ -169,6 +172,20 @@ pub struct HandMove {
     /// From where it is held out, in the head's space, metres.
     pub shift: [f32; 3],
     /// It is not seen.
+    pub lost: bool,
+}
+
+/// A hand whose joints are seen from a frame on.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SeenHand {
+    /// The frame, counted by xrWaitFrame in the session from 1.
+    pub frame: u64,
+    /// It is the left one.
+    pub left: bool,
+    /// Its fingers are closed.
+    pub closed: bool,
+    /// It is no longer seen.
     pub lost: bool,
 }
 

@@ -8,8 +8,8 @@ use openxr_sys::{self as xr, pfn};
 
 use crate::abi::Argument;
 use crate::calls::{
-    action, action_state, configuration, event, extension, frame, graphics, instance, session, space,
-    swapchain,
+    action, action_state, configuration, event, extension, frame, graphics, hand_tracking, instance, session,
+    space, swapchain,
 };
 use crate::clock::Reading;
 
@@ -168,6 +168,13 @@ table! {
     b"xrGetDisplayRefreshRateFB" GetDisplayRefreshRateFB (a: xr::Session, b: *mut f32) => extension::get_rate;
     b"xrRequestDisplayRefreshRateFB" RequestDisplayRefreshRateFB
         (a: xr::Session, b: f32) => extension::request_rate;
+    b"xrCreateHandTrackerEXT" CreateHandTrackerEXT
+        (a: xr::Session, b: *const xr::HandTrackerCreateInfoEXT, c: *mut xr::HandTrackerEXT)
+        => hand_tracking::create;
+    b"xrDestroyHandTrackerEXT" DestroyHandTrackerEXT (a: xr::HandTrackerEXT) => hand_tracking::destroy;
+    b"xrLocateHandJointsEXT" LocateHandJointsEXT
+        (a: xr::HandTrackerEXT, b: *const xr::HandJointsLocateInfoEXT, c: *mut xr::HandJointLocationsEXT)
+        => hand_tracking::locate;
     b"xrPerfSettingsSetPerformanceLevelEXT" PerfSettingsSetPerformanceLevelEXT
         (a: xr::Session, b: xr::PerfSettingsDomainEXT, c: xr::PerfSettingsLevelEXT) => extension::performance;
     #[cfg(unix)]

@@ -3,7 +3,7 @@
 use glam::{EulerRot, Quat, Vec3};
 use openxr_sys as xr;
 
-use crate::script::{Gaze, Head, View};
+use crate::script::{Gaze, HandMove, Head, SeenHand, View};
 
 /// A rigid transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,6 +89,50 @@ pub(crate) fn gaze(keys: &[Gaze], frame: u64) -> Option<Pose> {
 pub(crate) fn gaze_angles(keys: &[Gaze], frame: u64) -> Option<[f32; 2]> {
     let key = keys.iter().rev().find(|key| key.frame <= frame)?;
     (!key.lost).then_some([key.yaw, key.pitch])
+}
+
+/// How far hands point down, degrees.
+const HAND_DOWN: f32 = 30.0;
+
+/// A hand that is held out, in the head's space, at a frame; nothing where it is not seen.
+pub(crate) fn hand(moves: &[HandMove], left: bool, frame: u64) -> Option<Pose> {
+    let side = if left { -0.2 } else { 0.2 };
+    let moved = moves.iter().rev().filter(|hand| hand.left == left).find(|hand| hand.frame <= frame);
+    let moved = moved.copied().unwrap_or_default();
+    let turn = Quat::from_rotation_x(-HAND_DOWN.to_radians());
+    let place = Vec3::new(side, -0.3, -0.4) + Vec3::from(moved.shift);
+    (!moved.lost).then_some(Pose { place, turn })
+}
+
+/// The joints of the same hand in the head's space, with their radii in metres: the palm is where the hand is, fingers are
+/// rows that lie side by side, or are rolled up.
+pub(crate) fn joints(
+    seen: &[SeenHand],
+    moves: &[HandMove],
+    left: bool,
+    frame: u64,
+) -> Option<[(Pose, f32); xr::HAND_JOINT_COUNT_EXT]> {
+    let key = seen.iter().rev().filter(|hand| hand.left == left).find(|hand| hand.frame <= frame)?;
+    let hand = hand(moves, left, frame).filter(|_| !key.lost)?;
+    let at = |x: f32, y: f32, z: f32| {
+        let place = Vec3::new(if left { -x } else { x }, y, z);
+        (hand.then(Pose { turn: Quat::IDENTITY, place }), 0.012)
+    };
+    Some(std::array::from_fn(|joint| match joint {
+        0 => at(0.0, 0.0, 0.0),
+        1 => at(0.0, 0.0, 0.05),
+        // Four of the thumb, and five of each finger, which it lies beside.
+        _ => {
+            let (finger, bone) = if joint < 6 { (0, joint - 2) } else { ((joint - 1) / 5, (joint - 1) % 5) };
+            let across = (finger as f32 - 2.0) * 0.02;
+            match bone {
+                0 => at(across, 0.0, 0.02),
+                1 => at(across, 0.0, -0.04),
+                bone if key.closed => at(across, -0.012 * (bone as f32 - 1.0), -0.03),
+                bone => at(across, 0.0, -0.04 - 0.03 * (bone as f32 - 1.0)),
+            }
+        }
+    }))
 }
 
 /// Moves what a view sees to where the eyes look, degrees to the left and up.

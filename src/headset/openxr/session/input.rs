@@ -25,6 +25,16 @@ impl Session {
         Ok(seen)
     }
 
+    /// Adds hands that are seen. Trackers that are refused are not asked again in this session.
+    fn see(&mut self, time: xr::Time, hands: &mut Hands) -> Outcome<()> {
+        let Some(trackers) = &mut self.hands else { return Ok(()) };
+        let seen = trackers.see(&self.session, &self.space, time, hands);
+        if self.notes.or_without(seen, "only controllers are seen, no hands")?.is_none() {
+            self.hands = None;
+        }
+        Ok(())
+    }
+
     /// What hands and eyes do at a time.
     pub(super) fn actions(&mut self, time: xr::Time) -> Outcome<(Hands, Option<Gaze>)> {
         let sets: Vec<xr::ActiveActionSet> = (self.actions.iter().map(Actions::set))
@@ -40,9 +50,11 @@ impl Session {
             return Ok((Hands::default(), unseen));
         }
         let hands = self.actions.as_ref().map(|actions| actions.hands(&self.session, &self.space, time));
+        let mut hands = hands.unwrap_or_default();
+        self.see(time, &mut hands)?;
         if self.actions.as_ref().is_some_and(|actions| actions.menu(&self.session)) {
             self.menu.press();
         }
-        Ok((hands.unwrap_or_default(), self.look(time)?.or(unseen)))
+        Ok((hands, self.look(time)?.or(unseen)))
     }
 }

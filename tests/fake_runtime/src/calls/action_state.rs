@@ -10,9 +10,6 @@ use crate::runtime::{On, Runtime, enter, now};
 use crate::script::{Input, within};
 use crate::world::{self, Pose};
 
-/// How far down a hand points, degrees.
-const HAND_DOWN: f32 = 30.0;
-
 /// The state of an input: X and Y, and whether that is new.
 #[derive(Clone, Copy, Default)]
 struct Value {
@@ -167,12 +164,6 @@ impl Runtime {
         let Some(profile) = self.script.profile.clone() else { return Ok(None) };
         let paths = self.bound(&action, &profile, hand)?;
         let left = paths.iter().any(|path| path.contains("/left/"));
-        let side = if left { -0.2 } else { 0.2 };
-        let moves = self.script.hands.iter().rev();
-        let moved = moves.filter(|hand| hand.left == left).find(|hand| hand.frame <= frame);
-        let moved = moved.copied().unwrap_or_default();
-        let turn = glam::Quat::from_rotation_x(-HAND_DOWN.to_radians());
-        let place = glam::Vec3::new(side, -0.3, -0.4) + glam::Vec3::from(moved.shift);
-        Ok((!paths.is_empty() && !moved.lost).then_some(Pose { place, turn }))
+        Ok(world::hand(&self.script.hands, left, frame).filter(|_| !paths.is_empty()))
     }
 }

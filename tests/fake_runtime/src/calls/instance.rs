@@ -15,12 +15,13 @@ use crate::runtime::{On, Runtime, SYSTEM, enter};
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
 
 /// What can be listed, with the extension's version.
-const EXTENSIONS: [(&str, u32); 10] = [
+const EXTENSIONS: [(&str, u32); 11] = [
     ("XR_KHR_vulkan_enable2", 2),
     ("XR_KHR_composition_layer_depth", 6),
     ("XR_KHR_visibility_mask", 2),
     (clock::EXTENSION, 1),
     ("XR_EXT_eye_gaze_interaction", 2),
+    ("XR_EXT_hand_tracking", 4),
     ("XR_EXT_performance_settings", 4),
     ("XR_EXT_local_floor", 1),
     ("XR_FB_display_refresh_rate", 1),
@@ -156,6 +157,14 @@ pub(crate) fn system_properties(
                 ty: xr::SystemFoveatedRenderingPropertiesVARJO::TYPE,
                 next,
                 supports_foveated_rendering: runtime.script.eye_tracker.into(),
+            })?;
+        }
+        if let Some(hands) = properties.chained::<xr::SystemHandTrackingPropertiesEXT>()? {
+            runtime.needs("XR_EXT_hand_tracking")?;
+            hands.write(|next| xr::SystemHandTrackingPropertiesEXT {
+                ty: xr::SystemHandTrackingPropertiesEXT::TYPE,
+                next,
+                supports_hand_tracking: (!runtime.script.seen_hands.is_empty()).into(),
             })?;
         }
         properties.write(|next| xr::SystemProperties {

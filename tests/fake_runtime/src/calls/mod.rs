@@ -7,6 +7,7 @@ pub(crate) mod event;
 pub(crate) mod extension;
 pub(crate) mod frame;
 pub(crate) mod graphics;
+pub(crate) mod hand_tracking;
 pub(crate) mod instance;
 pub(crate) mod layer;
 pub(crate) mod session;

@@ -205,7 +205,7 @@ impl Runtime {
     }
 
     /// Where a space is in the LOCAL space; nothing where it is not tracked.
-    fn in_local(&mut self, session: u64, handle: u64, time: i64) -> Result<Option<Pose>, Refusal> {
+    pub fn in_local(&mut self, session: u64, handle: u64, time: i64) -> Result<Option<Pose>, Refusal> {
         let (head, origin) = (self.head(session, time)?, self.session(session)?.origin);
         Ok(match self.space(handle)? {
             Space::Reference(kind, pose) => Some(match kind {
