@@ -250,9 +250,12 @@ impl MovingScene {
         }
         self.rests = self.is_empty();
         let motion = self.motion.clone();
+        let pose = motion.pose(time, &given, &self.put);
+        for (index, part) in motion.parts.iter().enumerate().take(motion.parts_before_given()) {
+            self.parted.hide(index, pose.hides(part.node));
+        }
         let deformation = self.deformation.as_ref();
         let by_host = |part: usize| !deformation.is_some_and(|deformation| deformation.has(part));
-        let pose = motion.pose(time, &given, &self.put);
         let instant = motion.with(pose, self.anchor, &self.own, &by_host);
         self.take(&instant);
         if let Some(deformation) = &mut self.deformation {
@@ -296,7 +299,13 @@ impl MovingScene {
             }
         }
         let (emitters, light_nodes) = match &mut self.emitters {
-            Some(emitters) => emitters.at(corners, &self.lights),
+            Some(emitters) => {
+                let hidden = self.motion.hidden_triangles(&instant.pose);
+                let is_hidden = |triangle| hidden.iter().any(|own| own.contains(&(triangle as usize)));
+                // What has no area sheds no light.
+                let seen = |triangle| if is_hidden(triangle) { [Vec3::ZERO; 3] } else { corners(triangle) };
+                emitters.at(seen, &self.lights)
+            }
             None => Default::default(),
         };
         let top = self.parted.top();

@@ -18,6 +18,8 @@ pub enum Property {
     Scale,
     /// The weights of a node's morph targets.
     Weights,
+    /// Whether a node is seen, with all below it: above 0 where it is.
+    Visible,
     /// How bright a light of the file is, in its unit.
     Intensity,
     /// A light's linear colour.
@@ -60,7 +62,7 @@ impl Property {
         match self {
             Translation | Scale | Color | Emissive => Some(3),
             Rotation | BaseColor => Some(4),
-            Intensity | EmissiveStrength | UvRotation(_) => Some(1),
+            Visible | Intensity | EmissiveStrength | UvRotation(_) => Some(1),
             UvOffset(_) | UvScale(_) => Some(2),
             Weights => None,
         }

@@ -1,6 +1,7 @@
 //! What of a scene moves, and where it is at a time.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -117,6 +118,12 @@ impl Motion {
         }
     }
 
+    /// The triangles of the mesh of parts that clips hide in a pose.
+    pub fn hidden_triangles(&self, pose: &Pose) -> Vec<Range<usize>> {
+        let hidden = self.parts.iter().filter(|part| pose.hides(part.node));
+        hidden.map(|part| part.triangles.clone()).collect()
+    }
+
     /// The triangles of each part in terms of its own vertices.
     pub fn own_triangles(&self, mesh: &Mesh) -> Vec<Vec<[u32; 3]>> {
         let own = |part: &Part| {
@@ -168,10 +175,11 @@ impl MovingLight {
         let turned: DQuat = orientation(world);
         let (position, direction) = ((world.w_axis.truncate() - anchor).as_vec3(), turned * DVec3::NEG_Z);
         let glow = pose.lights.get(&self.number).copied().unwrap_or_default();
+        let shines = if pose.hides(self.node) { 0.0 } else { 1.0 };
         (position.is_finite() && direction.is_finite()).then(|| PlacedGlow {
             position,
             direction: direction.as_vec3().normalize(),
-            intensity: glow.radiated(self.color, self.intensity),
+            intensity: glow.radiated(self.color, self.intensity) * shines,
         })
     }
 }

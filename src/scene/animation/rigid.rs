@@ -17,8 +17,11 @@ pub struct Rigid {
 }
 
 impl Rigid {
-    /// Where it is in a pose; `None` where that is not finite in single precision relative to the anchor.
+    /// Where it is in a pose, flattened to nothing while it is hidden; `None` where that is not finite in single precision relative to the anchor.
     pub fn at(&self, pose: &Pose, anchor: DVec3) -> Option<Instance> {
+        if pose.hides(self.node) {
+            return Some(Instance::new(self.shape, &DMat4::ZERO));
+        }
         let matrix = DMat4::from_translation(-anchor) * pose.world[self.node] * self.local;
         let instance = Instance::new(self.shape, &matrix);
         instance.anchor_from_shape.iter().flatten().all(|v| v.is_finite()).then_some(instance)

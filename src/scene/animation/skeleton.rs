@@ -1,6 +1,6 @@
 //! A hierarchy of nodes and where its curves put them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
 
@@ -42,6 +42,8 @@ pub struct Skeleton {
     /// All nodes, parents before children.
     order: Vec<usize>,
     rest: Vec<Local>,
+    /// Nodes that are not seen at rest, nor what is below them; empty where all are.
+    hidden: Vec<bool>,
     /// Metres that a unit of the file is.
     scale: f64,
     clips: Vec<Clip>,
@@ -54,6 +56,8 @@ pub struct Pose {
     pub world: Vec<DMat4>,
     /// Weights of morph targets, of the nodes whose weights move.
     pub weights: BTreeMap<usize, Vec<f64>>,
+    /// Whether each node is hidden, by itself or by one above; empty where clips hide and show nothing.
+    pub hidden: Vec<bool>,
     /// Lights of the file that change.
     pub lights: BTreeMap<usize, Glow>,
     /// Materials of the file that change.
@@ -69,6 +73,13 @@ pub struct Glow {
     pub intensity: Option<f64>,
 }
 
+impl Pose {
+    /// Whether a clip hides a node now, or one above.
+    pub fn hides(&self, node: usize) -> bool {
+        self.hidden.get(node).copied().unwrap_or(false)
+    }
+}
+
 impl Skeleton {
     /// `order` holds each node once, parents before children; clips move nodes that are there.
     pub fn new(
@@ -78,7 +89,12 @@ impl Skeleton {
         scale: f64,
         clips: Vec<Clip>,
     ) -> Self {
-        Skeleton { parents, order, rest, scale, clips }
+        Skeleton { parents, order, rest, hidden: Vec::new(), scale, clips }
+    }
+
+    /// The same where these nodes are hidden at rest, with all below them.
+    pub fn with_hidden(self, hidden: Vec<bool>) -> Self {
+        Skeleton { hidden, ..self }
     }
 
     /// How many nodes there are.
@@ -101,11 +117,17 @@ impl Skeleton {
         let (mut locals, mut weights) = (self.rest.clone(), BTreeMap::new());
         let mut lights: BTreeMap<usize, Glow> = BTreeMap::new();
         let mut materials: BTreeMap<usize, Paint> = BTreeMap::new();
+        let mut shown: BTreeMap<usize, bool> = BTreeMap::new();
         for clip in &self.clips {
             let time = clip.looped(time);
             for channel in &clip.channels {
                 let mut vector = [0.0; 3];
                 let curve = &channel.curve;
+                if channel.property == Property::Visible {
+                    curve.sample(time, &mut vector[..1]);
+                    shown.insert(channel.node, vector[0] > 0.0);
+                    continue;
+                }
                 if channel.property.is_paint() {
                     materials.entry(channel.node).or_default().take(channel.property, curve, time);
                     continue;
@@ -149,7 +171,35 @@ impl Skeleton {
                 || self.parents[node].map_or_else(root, |parent| world[parent]) * locals[node].matrix();
             world[node] = elsewhere.get(&node).copied().unwrap_or_else(hung);
         }
-        Pose { world, weights, lights, materials }
+        let hidden = if shown.is_empty() { Vec::new() } else { self.hidden(&shown) };
+        Pose { world, weights, hidden, lights, materials }
+    }
+
+    /// Whether each node is hidden where these are shown or not, and others are as they rest.
+    fn hidden(&self, shown: &BTreeMap<usize, bool>) -> Vec<bool> {
+        let mut hidden = vec![false; self.rest.len()];
+        for &node in &self.order {
+            let rests_hidden = || self.hidden.get(node).copied().unwrap_or(false);
+            let own = shown.get(&node).map_or_else(rests_hidden, |shown| !shown);
+            hidden[node] = own || self.parents[node].is_some_and(|parent| hidden[parent]);
+        }
+        hidden
+    }
+
+    /// The nodes that clips show and hide by themselves.
+    pub fn visibility_channels(&self) -> BTreeSet<usize> {
+        let channels = self.clips.iter().flat_map(|clip| &clip.channels);
+        channels.filter(|channel| channel.property == Property::Visible).map(|channel| channel.node).collect()
+    }
+
+    /// Which nodes clips show and hide, by themselves or with one above.
+    pub fn blinking(&self) -> Vec<bool> {
+        let mut blinking = vec![false; self.rest.len()];
+        self.visibility_channels().into_iter().for_each(|node| blinking[node] = true);
+        for &node in &self.order {
+            blinking[node] |= self.parents[node].is_some_and(|parent| blinking[parent]);
+        }
+        blinking
     }
 
     /// Materials that change, each as bright and as clear as it ever gets: see [`Paint::take_most`].
@@ -162,19 +212,19 @@ impl Skeleton {
         materials
     }
 
-    /// Which nodes move: those that clips move, these others, and all below them.
+    /// Which nodes move: those that clips move, show or hide, these others, and all below them.
     pub fn moving(&self, others: &[usize]) -> Vec<bool> {
         self.roots_of_motion(others).iter().map(Option::is_some).collect()
     }
 
-    /// For each node the one that moves it as a whole: itself if clips move it or it is one of these others, else the nearest
+    /// For each node the one that moves it as a whole: itself if clips move, show or hide it, or it is one of these others, else the nearest
     /// above that is so; `None` where it rests.
     pub fn roots_of_motion(&self, others: &[usize]) -> Vec<Option<usize>> {
         let mut roots = vec![None; self.rest.len()];
         others.iter().for_each(|&node| roots[node] = Some(node));
         for channel in self.clips.iter().flat_map(|clip| &clip.channels) {
-            let moves =
-                matches!(channel.property, Property::Translation | Property::Rotation | Property::Scale);
+            use Property::{Rotation, Scale, Translation, Visible};
+            let moves = matches!(channel.property, Translation | Rotation | Scale | Visible);
             if moves {
                 roots[channel.node] = Some(channel.node);
             }
@@ -216,6 +266,35 @@ mod tests {
     fn channel(node: usize, property: Property, values: &[f32], width: usize) -> Channel {
         let curve = Curve::new(vec![0.0, 1.0], values.to_vec(), width, Interpolation::Linear).unwrap();
         Channel { node, property, curve }
+    }
+
+    #[test]
+    fn what_is_hidden_hides_what_is_below_it() {
+        let key = |node, values: &[f32]| {
+            let curve = Curve::new(vec![0.0, 1.0], values.to_vec(), 1, Interpolation::Step).unwrap();
+            Channel { node, property: Property::Visible, curve }
+        };
+        let skeleton = |channels| {
+            // 0 above 1 above 2, which rests hidden; 3 alone.
+            let parents = vec![None, Some(0), Some(1), None];
+            let clip = Clip { name: String::new(), channels };
+            Skeleton::new(parents, vec![0, 1, 2, 3], vec![parts(DVec3::ZERO); 4], 1.0, vec![clip])
+                .with_hidden(vec![false, false, true, false])
+        };
+        // Bytes are fractions: 1 of 255.
+        let one = 1.0 / 255.0;
+        let both = skeleton(vec![key(0, &[one, 0.0]), key(2, &[0.0, one])]);
+        assert_eq!(both.pose(0.5).hidden, [false, false, true, false]);
+        assert_eq!(both.pose(1.0).hidden, [true, true, true, false]);
+        assert_eq!(
+            (both.blinking(), both.moving(&[])),
+            (vec![true, true, true, false], vec![true, true, true, false])
+        );
+        let last = skeleton(vec![key(2, &[one, one])]);
+        assert_eq!(last.pose(0.5).hidden, [false; 4]);
+        assert_eq!(last.blinking(), [false, false, true, false]);
+        let none = skeleton(vec![]).pose(0.0);
+        assert!(none.hidden.is_empty() && !none.hides(2));
     }
 
     #[test]

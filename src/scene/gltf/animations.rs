@@ -66,6 +66,9 @@ fn pointed(pointer: &str) -> Outcome<(&str, Option<usize>)> {
         ["", "nodes", node, path @ ("translation" | "rotation" | "scale" | "weights")] => {
             Ok((path, Some(number(node).ok_or_else(refuse)?)))
         }
+        ["", "nodes", node, "extensions", "KHR_node_visibility", path @ "visible"] => {
+            Ok((path, Some(number(node).ok_or_else(refuse)?)))
+        }
         ["", "extensions", "KHR_lights_punctual", "lights", light, path @ ("intensity" | "color")] => {
             Ok((path, Some(number(light).ok_or_else(refuse)?)))
         }
@@ -132,18 +135,22 @@ impl Reader<'_> {
             "rotation" => Property::Rotation,
             "scale" => Property::Scale,
             "weights" => Property::Weights,
+            "visible" => Property::Visible,
             other => return Err(format!("moves {other:?}, which is not played")),
         };
         // Without a node it is for an extension, and to be ignored (glTF 2.0, 5.6 "animation.channel.target").
         let Some(node) = node else { return Ok(None) };
         let there =
             self.document.nodes.get(node).ok_or_else(|| format!("moves node {node}, which is not there"))?;
-        if there.matrix.is_some() && property != Property::Weights {
+        if there.matrix.is_some() && !matches!(property, Property::Weights | Property::Visible) {
             return Err(format!("moves node {node}, which has a matrix"));
         }
         let width = property.width().map_or_else(|| self.targets(node), Ok)?;
-        let curve = self.curve(self.keys(channel)?, width, property)?;
-        Ok(Some(Channel { node, property, curve }))
+        let keys = self.keys(channel)?;
+        if property == Property::Visible && keys.interpolation.as_deref() != Some("STEP") {
+            return Err(format!("shows and hides node {node} other than by steps"));
+        }
+        Ok(Some(Channel { node, property, curve: self.curve(keys, width, property)? }))
     }
 
     fn keys(&self, channel: &json::Channel) -> Outcome<&Keys> {

@@ -154,7 +154,8 @@ fn unplaced(
     let (animations, playing) = playing(&mut clips, options)?;
     let grab = if options.keeps_motion { options.grab } else { Grab::None };
     let scene = chosen_scene(document, options)?;
-    let nodes = Nodes::new(document, scene, options.scale, playing, (options.time, grab))?;
+    let nodes =
+        Nodes::new(document, scene, options.scale, playing, (options.time, grab, options.keeps_motion))?;
     let placements = placements(document, &buffers, &nodes, options, &mut warnings)?;
     buffers.take_accessors(compressed::accessors(document, &buffers, &placements)?);
     let buffers = &buffers;

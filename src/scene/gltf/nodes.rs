@@ -15,7 +15,9 @@ pub struct Nodes {
     pub skeleton: Skeleton,
     /// Which of them are elsewhere at others.
     pub moving: Vec<bool>,
-    /// The nodes of the scene to show, parents before children.
+    /// Which of them are shown and hidden at others.
+    pub blinking: Vec<bool>,
+    /// The nodes of the scene to show, now or at other times where motion is kept, parents before children.
     pub shown: Vec<usize>,
     /// Those of them that hands can seize.
     pub grabbable: Vec<usize>,
@@ -31,7 +33,7 @@ impl Nodes {
         scene: usize,
         scale: f64,
         clips: Vec<Clip>,
-        (time, grab): (f64, Grab),
+        (time, grab, keeps_motion): (f64, Grab, bool),
     ) -> Outcome<Self> {
         let nodes = &document.nodes;
         let parents = parents(nodes)?;
@@ -44,20 +46,27 @@ impl Nodes {
         let visible = |node: &Node| {
             node.extensions.visibility.as_ref().and_then(|visibility| visibility.visible).unwrap_or(true)
         };
+        let skeleton = skeleton.with_hidden(nodes.iter().map(|node| !visible(node)).collect());
+        let (pose, blinking) = (skeleton.pose(time), skeleton.blinking());
+        let own = skeleton.visibility_channels();
+        let is_shown = |node: usize| match own.contains(&node) {
+            true => keeps_motion || !pose.hides(node),
+            false => visible(&nodes[node]),
+        };
         let mut starts: Vec<usize> = match document.scenes.get(scene) {
             Some(scene) => scene.nodes.iter().map(|node| node.0).collect(),
             None => roots,
         };
         starts.sort_unstable();
         starts.dedup();
-        let shown = descend(nodes, starts, &visible);
+        let shown = descend(nodes, starts, &is_shown);
         let marked = |node: &usize| nodes[*node].extras.as_ref().is_some_and(|extras| extras.grab);
         let grabbable: Vec<usize> = match grab {
             Grab::Marked => shown.iter().copied().filter(marked).collect(),
             Grab::None => Vec::new(),
         };
         let moving = skeleton.moving(&grabbable);
-        Ok(Nodes { pose: skeleton.pose(time), moving, skeleton, shown, grabbable })
+        Ok(Nodes { pose, moving, blinking, skeleton, shown, grabbable })
     }
 }
 
@@ -75,14 +84,14 @@ fn parents(nodes: &[Node]) -> Outcome<Vec<Option<usize>>> {
 
 /// `starts` and all below them, each once, parents first, without what is not `wanted` and what is below that;
 /// no recursion, so depth does not matter.
-fn descend(nodes: &[Node], starts: Vec<usize>, wanted: &dyn Fn(&Node) -> bool) -> Vec<usize> {
+fn descend(nodes: &[Node], starts: Vec<usize>, wanted: &dyn Fn(usize) -> bool) -> Vec<usize> {
     let mut seen = vec![false; nodes.len()];
     let mut order = starts;
-    order.retain(|&start| wanted(&nodes[start]));
+    order.retain(|&start| wanted(start));
     order.iter().for_each(|&start| seen[start] = true);
     let mut next = 0;
     while next < order.len() {
-        for child in nodes[order[next]].children.iter().filter(|child| wanted(&nodes[child.0])) {
+        for child in nodes[order[next]].children.iter().filter(|child| wanted(child.0)) {
             if !std::mem::replace(&mut seen[child.0], true) {
                 order.push(child.0);
             }

@@ -353,3 +353,45 @@ fn pointers_move_nodes_and_change_lights() {
     let gone = load_at(&pointing("/extensions/KHR_lights_punctual/lights/7/color", &[0.0; 6]), "all", 0.0);
     assert!(gone.unwrap().warnings[0].contains("a light that is not there"));
 }
+
+/// KHR_node_visibility by pointer: a node, what is below it, and the light on it come and go.
+#[test]
+fn pointers_show_and_hide_nodes() {
+    let blinks = |interpolation: &str| {
+        moved(|b| {
+            b.json["extensionsUsed"] =
+                json!(["KHR_animation_pointer", "KHR_node_visibility", "KHR_lights_punctual"]);
+            let light = json!({ "type": "point", "intensity": 2.0 });
+            b.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [light] } });
+            let lamp = b.push("nodes", json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } } }));
+            b.json["nodes"][0]["children"] = json!([lamp]);
+            b.json["nodes"][0]["extensions"] = json!({ "KHR_node_visibility": { "visible": false } });
+            let seen = b.bytes(&[[1], [0]]);
+            let sampler = &mut b.json["animations"][0]["samplers"][0];
+            (sampler["output"], sampler["interpolation"]) = (json!(seen), json!(interpolation));
+            let pointer = "/nodes/0/extensions/KHR_node_visibility/visible";
+            let extension = json!({ "KHR_animation_pointer": { "pointer": pointer } });
+            b.json["animations"][0]["channels"][0]["target"] =
+                json!({ "path": "pointer", "extensions": extension });
+        })
+    };
+    let steps = blinks("STEP");
+    let seen = |clip: &str, time: f64| {
+        let scene = load_at(&steps, clip, time).unwrap();
+        (scene.triangles() > 0, scene.lights.len())
+    };
+    // Its last key is at 2 s, and there it begins anew.
+    assert_eq!((seen("all", 0.5), seen("none", 0.5)), ((true, 1), (false, 0)));
+    let folder = tempfile::tempdir().unwrap();
+    let options = LoadOptions { animation: Choice::All, keeps_motion: true, ..LoadOptions::default() };
+    let scene = Scene::load_with(&steps.write_glb(folder.path()), &options).unwrap();
+    let motion = scene.motion.unwrap();
+    let at = |time: f64| {
+        let instant = motion.at(time, scene.anchor, &motion.own_triangles(&scene.mesh));
+        let hidden = motion.hidden_triangles(&instant.pose).len();
+        (hidden, instant.lights[0].unwrap().intensity.x)
+    };
+    assert_eq!((motion.parts.len(), at(0.5), at(1.9999)), (1, (0, 2.0), (0, 2.0)));
+    let told = load_at(&blinks("LINEAR"), "all", 0.0).unwrap().warnings;
+    assert!(told[0].contains("shows and hides node 0 other than by steps"), "{told:?}");
+}
