@@ -146,11 +146,14 @@ fn faults(line: &str) -> Vec<String> {
         return vec![format!("{line}: there is no such command")];
     }
     let help = String::from_utf8(help.stdout).unwrap();
-    let known: BTreeSet<&str> =
-        help.split(|c: char| c.is_whitespace() || c == ',').filter(|word| word.starts_with("--")).collect();
+    let known: BTreeSet<&str> = help
+        .split(|c: char| c.is_whitespace() || ",[".contains(c))
+        .filter(|word| word.starts_with("--"))
+        .collect();
     let mut faults = Vec::new();
     for (at, word) in words.iter().enumerate() {
-        if word.starts_with("--") && !known.contains(word) {
+        let flag = word.split('=').next().unwrap_or(word);
+        if flag.starts_with("--") && !known.contains(flag) {
             faults.push(format!("{line}: there is no {word}"));
         }
         if *word == "--set"

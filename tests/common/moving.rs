@@ -180,6 +180,25 @@ pub fn world_of_two(has_lamp: bool) -> Builder {
     builder
 }
 
+/// The world without a lamp, whose box turns and is seen from the beginning to 0.5 s, and again from 1.5 s on.
+pub fn blinking_world() -> Builder {
+    const UNSIGNED_BYTE: u32 = 5121;
+    let mut builder = world(false);
+    let nodes = builder.json["nodes"].as_array().unwrap();
+    let turning = nodes.iter().position(|node| node["translation"] == json!([3.0, 1.0, 0.0])).unwrap();
+    let times = builder.floats(&[[0.0], [0.5], [1.5], [2.0]]);
+    let seen = builder.accessor(&[1, 0, 1, 1], UNSIGNED_BYTE, "SCALAR", 4);
+    animate(&mut builder, turning, "pointer", times, seen);
+    let animation = &mut builder.json["animations"][0];
+    let last = |list: &Value| list.as_array().unwrap().len() - 1;
+    let (sampler, channel) = (last(&animation["samplers"]), last(&animation["channels"]));
+    animation["samplers"][sampler]["interpolation"] = json!("STEP");
+    let pointer = format!("/nodes/{turning}/extensions/KHR_node_visibility/visible");
+    animation["channels"][channel]["target"] =
+        json!({ "path": "pointer", "extensions": { "KHR_animation_pointer": { "pointer": pointer } } });
+    builder
+}
+
 /// Adds a channel to the first animation.
 fn animate(builder: &mut Builder, node: usize, path: &str, input: usize, output: usize) {
     let animation = &mut builder.json["animations"][0];

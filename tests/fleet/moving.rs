@@ -13,7 +13,7 @@ use foveate::scene::{Environment, Instancing};
 use foveate::trace::{DeformedBy, MovingScene, SceneData, Traversal, deformed_bytes};
 use glam::{DVec3, Vec3};
 
-use crate::common::moving::{world, world_of_two};
+use crate::common::moving::{blinking_world, world, world_of_two};
 use crate::{HEIGHT, WIDTH, are_the_same_on_two_devices, config, machine};
 
 fn plan() -> Plan {
@@ -103,6 +103,36 @@ fn shows_its_instants(instancing: Instancing, deform: DeformConfig) {
         assert!(off[0] < 2e-3 && off[1] < 1e-2, "{time}: {off:?}");
         assert!(before.is_empty() || differing(&before, &depths) > 0.01, "nothing has moved");
         before = depths;
+    }
+}
+
+/// A node that clips hide is in no picture, and throws no shadow, until they show it again.
+#[test]
+fn what_is_hidden_leaves_no_trace_and_comes_back() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = blinking_world().write_glb(folder.path());
+    for instancing in [Instancing::Flat, Instancing::Shared] {
+        // It is hidden as the scene is loaded.
+        let settings = |time| {
+            let mut config = settings(time);
+            (config.trace.indirect, config.scene.instancing) = (Indirect::Paths, instancing);
+            config
+        };
+        let mut renderer = moving(&path, &device, &context, &settings(0.6));
+        let mut seen_so_far = Vec::new();
+        for time in [0.0, 1.0, 2.2] {
+            renderer.show_at(time);
+            let (picture, depths) = seen(&mut renderer);
+            let (truth, right) = seen(&mut still(&path, &device, &context, &settings(0.6 + time)));
+            let off = [differing(&depths, &right), differing(&picture, &truth)];
+            assert!(off[0] < 2e-3 && off[1] < 1e-2, "{instancing:?} {time}: {off:?}");
+            // The box alone is red.
+            let red = picture.chunks(4).filter(|pixel| pixel[0] > 1.5 * pixel[2]).count();
+            seen_so_far.push(red > 100);
+        }
+        assert_eq!(seen_so_far, [false, true, false], "{instancing:?}");
     }
 }
 

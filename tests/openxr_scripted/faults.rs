@@ -139,7 +139,7 @@ fn what_the_instance_refuses_a_session_once_is_done_without() {
     };
     let faults: Vec<Fault> = calls().flat_map(fails).collect();
     let wanted = faults.len();
-    let brief = (0..24).map(|_| leading(3, &[LossPending])).chain([last()]).collect();
+    let brief = (0..24).map(|_| leading(7, &[LossPending])).chain([last()]).collect();
     let script = headset(Script { faults, ..sessions(brief) });
     let Some(run) = run(&script, NO_END, ASKING) else { return };
     let hit = run.log.0.iter().filter(|record| record.0["scripted"] == true).count();

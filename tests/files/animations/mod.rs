@@ -366,7 +366,8 @@ fn pointers_show_and_hide_nodes() {
             let lamp = b.push("nodes", json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } } }));
             b.json["nodes"][0]["children"] = json!([lamp]);
             b.json["nodes"][0]["extensions"] = json!({ "KHR_node_visibility": { "visible": false } });
-            let seen = b.bytes(&[[1], [0]]);
+            const UNSIGNED_BYTE: u32 = 5121;
+            let seen = b.accessor(&[1, 0], UNSIGNED_BYTE, "SCALAR", 2);
             let sampler = &mut b.json["animations"][0]["samplers"][0];
             (sampler["output"], sampler["interpolation"]) = (json!(seen), json!(interpolation));
             let pointer = "/nodes/0/extensions/KHR_node_visibility/visible";
