@@ -180,10 +180,16 @@ pub fn world_of_two(has_lamp: bool) -> Builder {
     builder
 }
 
-/// The world without a lamp, whose box turns and is seen from the beginning to 0.5 s, and again from 1.5 s on.
-pub fn blinking_world() -> Builder {
+/// The world without a lamp, whose box turns, and glows where that is said; it is seen from the beginning to 0.5 s, and
+/// again from 1.5 s on.
+pub fn blinking_world(glows: bool) -> Builder {
     const UNSIGNED_BYTE: u32 = 5121;
     let mut builder = world(false);
+    if glows {
+        builder.json["materials"][0]["emissiveFactor"] = json!([1.0, 0.2, 0.2]);
+        builder.json["materials"][0]["extensions"] =
+            json!({ "KHR_materials_emissive_strength": { "emissiveStrength": 20.0 } });
+    }
     let nodes = builder.json["nodes"].as_array().unwrap();
     let turning = nodes.iter().position(|node| node["translation"] == json!([3.0, 1.0, 0.0])).unwrap();
     let times = builder.floats(&[[0.0], [0.5], [1.5], [2.0]]);

@@ -112,7 +112,7 @@ fn what_is_hidden_leaves_no_trace_and_comes_back() {
     let Some((info, context)) = machine() else { return };
     let device = Device::open(&info).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let path = blinking_world().write_glb(folder.path());
+    let path = blinking_world(false).write_glb(folder.path());
     for instancing in [Instancing::Flat, Instancing::Shared] {
         // It is hidden as the scene is loaded.
         let settings = |time| {
@@ -134,6 +134,29 @@ fn what_is_hidden_leaves_no_trace_and_comes_back() {
         }
         assert_eq!(seen_so_far, [false, true, false], "{instancing:?}");
     }
+}
+
+/// Nor does it shed light meanwhile.
+#[test]
+fn what_is_hidden_sheds_no_light() {
+    let Some((info, context)) = machine() else { return };
+    let device = Device::open(&info).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = blinking_world(true).write_glb(folder.path());
+    let settings = |time| {
+        let mut config = settings(time);
+        config.trace.indirect = Indirect::Paths;
+        config.trace.rays = 64;
+        config
+    };
+    let mut renderer = moving(&path, &device, &context, &settings(0.0));
+    let means = [0.2, 0.9].map(|time| {
+        renderer.show_at(time);
+        let truth = seen(&mut still(&path, &device, &context, &settings(time))).0;
+        [mean(&seen(&mut renderer).0), mean(&truth)]
+    });
+    assert!(means.iter().all(|[own, truth]| (own / truth - 1.0).abs() < 0.02), "{means:?}");
+    assert!(means[0][0] > 1.15 * means[1][0], "it does not glow: {means:?}");
 }
 
 /// What a device deforms looks as it does where the host deforms it, frame after frame.
