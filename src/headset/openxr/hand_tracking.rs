@@ -84,7 +84,11 @@ impl HandTrackers {
 /// A hand's joints, where all of them are known.
 fn joints(located: &xr::HandJointLocations) -> Option<Joints> {
     let valid = xr::SpaceLocationFlags::ORIENTATION_VALID | xr::SpaceLocationFlags::POSITION_VALID;
-    if !located.iter().all(|joint| joint.location_flags.contains(valid) && joint.radius.is_finite()) {
+    let is_known = |joint: &xr::HandJointLocation| {
+        let xr::Vector3f { x, y, z } = joint.pose.position;
+        joint.location_flags.contains(valid) && [x, y, z, joint.radius].iter().all(|v| v.is_finite())
+    };
+    if !located.iter().all(is_known) {
         return None;
     }
     Some(located.map(|joint| Joint {
@@ -111,6 +115,9 @@ mod tests {
         let unplaced = xr::SpaceLocationFlags::ORIENTATION_VALID;
         assert!(with(xr::HandJointLocation { location_flags: unplaced, ..joint }).is_none());
         assert!(with(xr::HandJointLocation { radius: f32::NAN, ..joint }).is_none());
+        let mut lost = joint;
+        lost.pose.position.y = f32::INFINITY;
+        assert!(with(lost).is_none());
         let radius = |radius: f32| with(xr::HandJointLocation { radius, ..joint }).unwrap()[17].radius;
         assert_eq!([radius(0.0), radius(-1.0), radius(7.0)], [THINNEST, THINNEST, THICKEST]);
     }
