@@ -100,6 +100,11 @@ impl Parted {
         self.hidden[part] = hidden;
     }
 
+    /// Whether the top leaves a part out.
+    pub fn is_hidden(&self, part: usize) -> bool {
+        self.hidden[part]
+    }
+
     /// Leaves the boxes of a part to others from now on, who keep them in this one.
     pub fn loosen(&mut self, part: usize, bounds: (Vec3, Vec3)) {
         self.loose[part] = Some(bounds);

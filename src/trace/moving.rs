@@ -244,18 +244,17 @@ impl MovingScene {
     /// Everything at a time, in seconds since the animations began.
     pub fn at(&mut self, time: f64) -> SceneState {
         let given: Vec<DMat4> = self.given.iter().map(|own| own.0).collect();
-        let nodes = self.motion.skeleton.nodes();
-        for (index, part) in self.motion.parts.iter().enumerate().skip(self.motion.parts_before_given()) {
-            self.parted.hide(index, !self.given[part.node - nodes].1);
-        }
         self.rests = self.is_empty();
         let motion = self.motion.clone();
         let pose = motion.pose(time, &given, &self.put);
-        for (index, part) in motion.parts.iter().enumerate().take(motion.parts_before_given()) {
-            self.parted.hide(index, pose.hides(part.node));
+        for (index, part) in motion.parts.iter().enumerate() {
+            let of_given = part.node.checked_sub(motion.skeleton.nodes());
+            self.parted.hide(index, of_given.map_or(pose.hides(part.node), |own| !self.given[own].1));
         }
-        let deformation = self.deformation.as_ref();
-        let by_host = |part: usize| !deformation.is_some_and(|deformation| deformation.has(part));
+        let (parted, deformation) = (&self.parted, self.deformation.as_ref());
+        let is_left = |part: usize| deformation.is_some_and(|deformation| deformation.has(part));
+        // What is not seen need not be where it would be.
+        let by_host = |part: usize| !parted.is_hidden(part) && !is_left(part);
         let instant = motion.with(pose, self.anchor, &self.own, &by_host);
         self.take(&instant);
         if let Some(deformation) = &mut self.deformation {

@@ -193,13 +193,13 @@ impl Skeleton {
     }
 
     /// Which nodes clips show and hide, by themselves or with one above.
-    pub fn blinking(&self) -> Vec<bool> {
-        let mut blinking = vec![false; self.rest.len()];
-        self.visibility_channels().into_iter().for_each(|node| blinking[node] = true);
+    pub fn visibility_changes(&self) -> Vec<bool> {
+        let mut visibility_changes = vec![false; self.rest.len()];
+        self.visibility_channels().into_iter().for_each(|node| visibility_changes[node] = true);
         for &node in &self.order {
-            blinking[node] |= self.parents[node].is_some_and(|parent| blinking[parent]);
+            visibility_changes[node] |= self.parents[node].is_some_and(|parent| visibility_changes[parent]);
         }
-        blinking
+        visibility_changes
     }
 
     /// Materials that change, each as bright and as clear as it ever gets: see [`Paint::take_most`].
@@ -287,12 +287,12 @@ mod tests {
         assert_eq!(both.pose(0.5).hidden, [false, false, true, false]);
         assert_eq!(both.pose(1.0).hidden, [true, true, true, false]);
         assert_eq!(
-            (both.blinking(), both.moving(&[])),
+            (both.visibility_changes(), both.moving(&[])),
             (vec![true, true, true, false], vec![true, true, true, false])
         );
         let last = skeleton(vec![key(2, &[one, one])]);
         assert_eq!(last.pose(0.5).hidden, [false; 4]);
-        assert_eq!(last.blinking(), [false, false, true, false]);
+        assert_eq!(last.visibility_changes(), [false, false, true, false]);
         let none = skeleton(vec![]).pose(0.0);
         assert!(none.hidden.is_empty() && !none.hides(2));
     }

@@ -16,7 +16,7 @@ pub struct Nodes {
     /// Which of them are elsewhere at others.
     pub moving: Vec<bool>,
     /// Which of them are shown and hidden at others.
-    pub blinking: Vec<bool>,
+    pub visibility_changes: Vec<bool>,
     /// The nodes of the scene to show, now or at other times where motion is kept, parents before children.
     pub shown: Vec<usize>,
     /// Those of them that hands can seize.
@@ -47,7 +47,7 @@ impl Nodes {
             node.extensions.visibility.as_ref().and_then(|visibility| visibility.visible).unwrap_or(true)
         };
         let skeleton = skeleton.with_hidden(nodes.iter().map(|node| !visible(node)).collect());
-        let (pose, blinking) = (skeleton.pose(time), skeleton.blinking());
+        let (pose, visibility_changes) = (skeleton.pose(time), skeleton.visibility_changes());
         let own = skeleton.visibility_channels();
         let is_shown = |node: usize| match own.contains(&node) {
             true => keeps_motion || !pose.hides(node),
@@ -66,7 +66,7 @@ impl Nodes {
             Grab::None => Vec::new(),
         };
         let moving = skeleton.moving(&grabbable);
-        Ok(Nodes { pose, moving, blinking, skeleton, shown, grabbable })
+        Ok(Nodes { pose, moving, visibility_changes, skeleton, shown, grabbable })
     }
 }
 

@@ -151,7 +151,7 @@ fn tell_left_out(thin: usize, without_positions: usize, warnings: &mut Vec<Strin
 /// Whether a primitive of a node is elsewhere at other instants.
 fn moves(document: &Document, nodes: &Nodes, node: usize, skin: Option<usize>, morphs: bool) -> bool {
     let hangs = |skin: usize| document.skins[skin].joints.iter().any(|joint| nodes.moving[joint.0]);
-    morphs || nodes.blinking[node] || skin.map_or(nodes.moving[node], hangs)
+    morphs || nodes.visibility_changes[node] || skin.map_or(nodes.moving[node], hangs)
 }
 
 /// `node_from_mesh` of all instances that a node shows.
