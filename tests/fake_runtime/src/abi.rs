@@ -50,14 +50,17 @@ macro_rules! typed {
 typed! {
     ActionCreateInfo ActionSetCreateInfo ActionSpaceCreateInfo ActionStateBoolean ActionStateFloat
     ActionStateGetInfo ActionStatePose ActionStateVector2f ActionsSyncInfo BoundSourcesForActionEnumerateInfo
-    CompositionLayerDepthInfoKHR CompositionLayerProjection CompositionLayerProjectionView CompositionLayerQuad EventDataBuffer
-    ExtensionProperties EyeGazeSampleTimeEXT FoveatedViewConfigurationViewVARJO FrameBeginInfo FrameEndInfo FrameState FrameWaitInfo GraphicsBindingVulkanKHR
+    CompositionLayerDepthInfoKHR CompositionLayerProjection CompositionLayerProjectionView CompositionLayerQuad
+    CompositionLayerSpaceWarpInfoFB EventDataBuffer
+    ExtensionProperties EyeGazeSampleTimeEXT FoveatedViewConfigurationViewVARJO FrameBeginInfo FrameEndInfo FrameState FrameSynthesisConfigViewEXT
+    FrameSynthesisInfoEXT FrameWaitInfo GraphicsBindingVulkanKHR
     HandJointLocationsEXT HandJointsLocateInfoEXT HandTrackerCreateInfoEXT
     GraphicsRequirementsVulkanKHR HapticActionInfo InputSourceLocalizedNameGetInfo InstanceCreateInfo
     InstanceProperties InteractionProfileState InteractionProfileSuggestedBinding ReferenceSpaceCreateInfo
     SessionActionSetsAttachInfo SessionBeginInfo SessionCreateInfo SpaceLocation SpaceVelocity
     SwapchainCreateInfo SwapchainImageAcquireInfo SwapchainImageReleaseInfo SwapchainImageVulkanKHR SwapchainImageWaitInfo SystemEyeGazeInteractionPropertiesEXT
-    SystemFoveatedRenderingPropertiesVARJO SystemHandTrackingPropertiesEXT SystemGetInfo SystemProperties View ViewConfigurationProperties ViewConfigurationView ViewLocateFoveatedRenderingVARJO ViewLocateInfo
+    SystemFoveatedRenderingPropertiesVARJO SystemHandTrackingPropertiesEXT SystemGetInfo SystemProperties
+    SystemSpaceWarpPropertiesFB View ViewConfigurationProperties ViewConfigurationView ViewLocateFoveatedRenderingVARJO ViewLocateInfo
     ViewState VisibilityMaskKHR VulkanDeviceCreateInfoKHR VulkanGraphicsDeviceGetInfoKHR
     VulkanInstanceCreateInfoKHR
 }
@@ -184,7 +187,7 @@ impl<T> Out<T> {
         if self.0.is_null() {
             return self;
         }
-        // SAFETY: `fill` and `fill_typed` stay below the capacity that the application told.
+        // SAFETY: `fill`, `fill_typed` and `chained_each` stay below the capacity that the application told.
         Out(unsafe { self.0.add(index) })
     }
 }
@@ -210,6 +213,13 @@ impl<T: Typed> Out<T> {
         let next = self.header()?.next;
         // SAFETY: the chain of a structure that the application passed in.
         Ok(unsafe { find(next, U::TYPE) }.map(|found| Out(found.cast())))
+    }
+
+    /// The structures of a type in the chains of the first `count` elements of an array, at most as many as the
+    /// application has told that there are.
+    pub fn chained_each<U: Typed>(self, count: u32) -> Result<Vec<Out<U>>, Refusal> {
+        let found = (0..count as usize).filter_map(|index| self.at(index).chained().transpose());
+        found.collect()
     }
 
     /// The two-call idiom for structures that keep their chains.

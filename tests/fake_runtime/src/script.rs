@@ -25,6 +25,9 @@ pub struct Script {
     pub inset_views: Vec<View>,
     /// The size that is recommended for the insets where they follow the eyes; they cannot without.
     pub following_insets: Option<[u32; 2]>,
+    /// The width and height that are recommended for images of motion vectors and their depths, pixels, where
+    /// the runtime takes them: XR_EXT_frame_synthesis and XR_FB_space_warp are listed only then.
+    pub motion_vectors: Option<[u32; 2]>,
     /// Swapchain formats (VkFormat) in the order of preference.
     pub formats: Vec<i64>,
     /// Time between two frames, milliseconds.
@@ -63,6 +66,7 @@ impl Default for Script {
             views: vec![View::eye(-0.0315), View::eye(0.0315)],
             inset_views: Vec::new(),
             following_insets: None,
+            motion_vectors: None,
             // RGBA16 UNORM and SFLOAT, RGBA8 and BGRA8 SRGB, the same UNORM, depth; Monado's order.
             formats: vec![91, 97, 43, 50, 37, 44, 126, 124],
             period_ms: 10.0,
@@ -348,7 +352,8 @@ pub struct Dump {
     /// The frame, counted by xrEndFrame from 1.
     pub frame: u64,
     /// The folder; `view0.raw` and so on hold the rows of each sub-image, in its format, and `depth0.raw` and
-    /// so on those of the depths that are told beside them, `quad0.raw` and so on those of flat pictures.
+    /// so on those of the depths that are told beside them, `motion0.raw` and `motion_depth0.raw` and so on
+    /// those of motion vectors and their depths, `quad0.raw` and so on those of flat pictures.
     pub folder: PathBuf,
 }
 

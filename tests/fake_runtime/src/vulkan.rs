@@ -28,6 +28,13 @@ pub(crate) struct Part {
     pub layer: u32,
 }
 
+impl Part {
+    /// Left, top, width and height, pixels, for the log.
+    pub fn rect(self) -> [i32; 4] {
+        [self.x, self.y, self.width as i32, self.height as i32]
+    }
+}
+
 /// An image and its memory.
 #[derive(Debug)]
 pub(crate) struct Image {

@@ -57,7 +57,8 @@ pub(crate) fn enumerate_views(
 ) -> xr::Result {
     enter("xrEnumerateViewConfigurationViews", On::Instance(instance), |runtime, _| {
         runtime.check_system(system)?;
-        let all = runtime.views(configuration)?.into_iter().enumerate().collect();
+        let all: Vec<_> = runtime.views(configuration)?.into_iter().enumerate().collect();
+        let filled = capacity.min(all.len() as u32);
         let following = runtime.script.following_insets;
         views.fill_typed(capacity, count, all, |next, (index, view)| {
             let asks = abi::chained_out::<xr::FoveatedViewConfigurationViewVARJO>(next);
@@ -74,6 +75,15 @@ pub(crate) fn enumerate_views(
                 max_swapchain_sample_count: 1,
             }
         })?;
+        for motion in views.chained_each::<xr::FrameSynthesisConfigViewEXT>(filled)? {
+            let [width, height] = runtime.motion_vectors("XR_EXT_frame_synthesis")?;
+            motion.write(|next| xr::FrameSynthesisConfigViewEXT {
+                ty: xr::FrameSynthesisConfigViewEXT::TYPE,
+                next,
+                recommended_motion_vector_image_rect_width: width,
+                recommended_motion_vector_image_rect_height: height,
+            })?;
+        }
         DONE
     })
 }

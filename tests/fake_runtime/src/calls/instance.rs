@@ -10,12 +10,13 @@ use crate::clock;
 use crate::nested;
 use crate::objects::{Instance, Object};
 use crate::refusal::{Outcome, wrong};
-use crate::runtime::{On, Runtime, SYSTEM, enter};
+use crate::runtime::{On, SYSTEM, enter};
+use crate::script::Script;
 
 const DONE: Outcome = Ok(xr::Result::SUCCESS);
 
 /// What can be listed, with the extension's version.
-const EXTENSIONS: [(&str, u32); 11] = [
+const EXTENSIONS: [(&str, u32); 13] = [
     ("XR_KHR_vulkan_enable2", 2),
     ("XR_KHR_composition_layer_depth", 6),
     ("XR_KHR_visibility_mask", 2),
@@ -24,24 +25,26 @@ const EXTENSIONS: [(&str, u32); 11] = [
     ("XR_EXT_hand_tracking", 4),
     ("XR_EXT_performance_settings", 4),
     ("XR_EXT_local_floor", 1),
+    ("XR_EXT_frame_synthesis", 1),
     ("XR_FB_display_refresh_rate", 1),
+    ("XR_FB_space_warp", 2),
     ("XR_VARJO_quad_views", 1),
     ("XR_VARJO_foveated_rendering", 3),
 ];
 
-impl Runtime {
-    fn listed(&self) -> Vec<(&'static str, u32)> {
-        let insets = !self.script.inset_views.is_empty();
-        let listed = |name: &str| {
-            let there = match name {
-                "XR_VARJO_quad_views" => insets,
-                "XR_VARJO_foveated_rendering" => insets && self.script.following_insets.is_some(),
-                _ => true,
-            };
-            there && !self.script.without.iter().any(|w| w == name)
+/// What a script's runtime lists.
+fn listed(script: &Script) -> Vec<(&'static str, u32)> {
+    let insets = !script.inset_views.is_empty();
+    let listed = |name: &str| {
+        let there = match name {
+            "XR_VARJO_quad_views" => insets,
+            "XR_VARJO_foveated_rendering" => insets && script.following_insets.is_some(),
+            "XR_EXT_frame_synthesis" | "XR_FB_space_warp" => script.motion_vectors.is_some(),
+            _ => true,
         };
-        EXTENSIONS.into_iter().filter(|&(name, _)| listed(name)).collect()
-    }
+        there && !script.without.iter().any(|w| w == name)
+    };
+    EXTENSIONS.into_iter().filter(|&(name, _)| listed(name)).collect()
 }
 
 pub(crate) fn enumerate_api_layers(
@@ -62,7 +65,7 @@ pub(crate) fn enumerate_extensions(
     properties: Out<xr::ExtensionProperties>,
 ) -> xr::Result {
     enter("xrEnumerateInstanceExtensionProperties", On::Nothing, |runtime, _| {
-        properties.fill_typed(capacity, count, runtime.listed(), |next, (name, version)| {
+        properties.fill_typed(capacity, count, listed(&runtime.script), |next, (name, version)| {
             xr::ExtensionProperties {
                 ty: xr::ExtensionProperties::TYPE,
                 next,
@@ -86,7 +89,7 @@ pub(crate) fn create(info: In<xr::InstanceCreateInfo>, instance: Out<xr::Instanc
         if version.major() != 1 || version.minor() > runtime.script.minor_version {
             return Err(xr::Result::ERROR_API_VERSION_UNSUPPORTED.into());
         }
-        let listed = runtime.listed();
+        let listed = listed(&runtime.script);
         if let Some(unknown) = extensions.iter().find(|&e| !listed.iter().any(|(name, _)| name == e)) {
             return Err(wrong(xr::Result::ERROR_EXTENSION_NOT_PRESENT, format!("{unknown} is not listed")));
         }
@@ -167,6 +170,15 @@ pub(crate) fn system_properties(
                 supports_hand_tracking: (!runtime.script.seen_hands.is_empty()).into(),
             })?;
         }
+        if let Some(motion) = properties.chained::<xr::SystemSpaceWarpPropertiesFB>()? {
+            let [width, height] = runtime.motion_vectors("XR_FB_space_warp")?;
+            motion.write(|next| xr::SystemSpaceWarpPropertiesFB {
+                ty: xr::SystemSpaceWarpPropertiesFB::TYPE,
+                next,
+                recommended_motion_vector_image_rect_width: width,
+                recommended_motion_vector_image_rect_height: height,
+            })?;
+        }
         properties.write(|next| xr::SystemProperties {
             ty: xr::SystemProperties::TYPE,
             next,
@@ -242,4 +254,22 @@ pub(crate) fn path_to_string(
         buffer.fill(capacity, count, characters)?;
         DONE
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn motion_vectors_are_listed_where_they_are_scripted() {
+        let motion = |script: &Script| {
+            let of_motion = |(name, _): &(&str, u32)| name.ends_with("synthesis") || name.ends_with("warp");
+            listed(script).into_iter().filter(of_motion).collect::<Vec<_>>()
+        };
+        assert_eq!(motion(&Script::default()), []);
+        let script = Script { motion_vectors: Some([24, 20]), ..Script::default() };
+        assert_eq!(motion(&script), [("XR_EXT_frame_synthesis", 1), ("XR_FB_space_warp", 2)]);
+        let script = Script { without: vec!["XR_EXT_frame_synthesis".into()], ..script };
+        assert_eq!(motion(&script), [("XR_FB_space_warp", 2)]);
+    }
 }

@@ -3,6 +3,7 @@
 use openxr_sys::{self as xr, Handle};
 use serde_json::{Value, json};
 
+use super::motion::{self, Motion};
 use crate::abi;
 use crate::check::{check_fov, check_pose};
 use crate::nested;
@@ -34,27 +35,46 @@ impl Runtime {
         }
         let mut described = Vec::new();
         for (index, view) in views.iter().enumerate() {
-            if view.ty != xr::CompositionLayerProjectionView::TYPE {
-                return Err(invalid(format!("{:?} stands where a layer's view must", view.ty)));
-            }
-            let pose = check_pose(&view.pose)?;
-            let fov = check_fov(&view.fov)?;
-            let part = self.part(session, &view.sub_image)?;
-            let mut entry = json!({
-                "pose": pose.list(), "fov": fov, "swapchain": view.sub_image.swapchain.into_raw(),
-                "rect": [part.x, part.y, part.width as i32, part.height as i32], "array_index": part.layer,
-            });
-            let swapchain = view.sub_image.swapchain.into_raw();
-            parts.push(Shown { name: format!("view{index}"), swapchain, part });
-            if let Some(depth) = abi::chained::<xr::CompositionLayerDepthInfoKHR>(view.next, view) {
-                let (described, part) = self.depth(session, depth, part)?;
-                entry["depth"] = described;
-                let swapchain = depth.sub_image.swapchain.into_raw();
-                parts.push(Shown { name: format!("depth{index}"), swapchain, part });
-            }
-            described.push(entry);
+            described.push(self.view(session, index, view, parts)?);
         }
+        motion::check_all_or_none(views)?;
         Ok(json!({ "space": space, "flags": layer.layer_flags.into_raw(), "views": described }))
+    }
+
+    /// Checks a view of a projection layer, with what is chained to it, and describes it.
+    fn view(
+        &mut self,
+        session: u64,
+        index: usize,
+        view: &xr::CompositionLayerProjectionView,
+        parts: &mut Vec<Shown>,
+    ) -> Result<Value, Refusal> {
+        if view.ty != xr::CompositionLayerProjectionView::TYPE {
+            return Err(invalid(format!("{:?} stands where a layer's view must", view.ty)));
+        }
+        let pose = check_pose(&view.pose)?;
+        let fov = check_fov(&view.fov)?;
+        let part = self.part(session, &view.sub_image)?;
+        let swapchain = view.sub_image.swapchain.into_raw();
+        let mut entry = json!({
+            "pose": pose.list(), "fov": fov, "swapchain": swapchain, "rect": part.rect(), "array_index": part.layer,
+        });
+        parts.push(Shown { name: format!("view{index}"), swapchain, part });
+        if let Some(depth) = abi::chained::<xr::CompositionLayerDepthInfoKHR>(view.next, view) {
+            let (described, part) = self.depth(session, depth, part)?;
+            entry["depth"] = described;
+            let swapchain = depth.sub_image.swapchain.into_raw();
+            parts.push(Shown { name: format!("depth{index}"), swapchain, part });
+        }
+        for motion in Motion::of(view) {
+            let (described, shown) = self.motion(session, &motion, index)?;
+            // A view may have both kinds: both are checked, the first is told.
+            if entry.get("motion").is_none() {
+                entry["motion"] = described;
+                parts.extend(shown);
+            }
+        }
+        Ok(entry)
     }
 
     /// Checks a flat picture and describes it for the log.
@@ -85,8 +105,7 @@ impl Runtime {
         }
         let part = self.part(session, &layer.sub_image)?;
         let swapchain = layer.sub_image.swapchain.into_raw();
-        let usage = self.swapchain(swapchain)?.shape.usage;
-        if usage.contains(ash::vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT) {
+        if self.holds_depths(&layer.sub_image)? {
             return Err(invalid("a flat picture of depths"));
         }
         let number = parts.iter().filter(|part| part.name.starts_with("quad")).count();
@@ -94,7 +113,7 @@ impl Runtime {
         Ok(json!({
             "quad": { "pose": pose.list(), "size": size, "swapchain": swapchain, "eyes": eyes.into_raw() },
             "space": space, "flags": layer.layer_flags.into_raw(),
-            "rect": [part.x, part.y, part.width as i32, part.height as i32],
+            "rect": part.rect(),
         }))
     }
 
@@ -115,13 +134,12 @@ impl Runtime {
         if depth.near_z == depth.far_z || !(depth.near_z >= 0.0 && depth.far_z >= 0.0) {
             return Err(invalid(format!("depth between {} and {} metres", depth.near_z, depth.far_z)));
         }
-        let usage = self.swapchain(depth.sub_image.swapchain.into_raw())?.shape.usage;
-        if !usage.contains(ash::vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT) {
+        if !self.holds_depths(&depth.sub_image)? {
             return Err(invalid("depth in a swapchain of colours"));
         }
         let described = json!({
             "swapchain": depth.sub_image.swapchain.into_raw(),
-            "rect": [part.x, part.y, part.width as i32, part.height as i32],
+            "rect": part.rect(),
             "same_size": (part.width, part.height) == (colour.width, colour.height),
             // JSON knows no infinity.
             "near_z": depth.near_z.min(f32::MAX), "far_z": depth.far_z.min(f32::MAX),
@@ -130,8 +148,14 @@ impl Runtime {
         Ok((described, part))
     }
 
+    /// Whether the images of a sub-image's swapchain hold depths.
+    pub(super) fn holds_depths(&mut self, sub: &xr::SwapchainSubImage) -> Result<bool, Refusal> {
+        let usage = self.swapchain(sub.swapchain.into_raw())?.shape.usage;
+        Ok(usage.contains(ash::vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT))
+    }
+
     /// Checks a sub-image.
-    fn part(&mut self, session: u64, sub: &xr::SwapchainSubImage) -> Result<Part, Refusal> {
+    pub(super) fn part(&mut self, session: u64, sub: &xr::SwapchainSubImage) -> Result<Part, Refusal> {
         let handle = sub.swapchain.into_raw();
         if self.session_of(handle) != Some(session) {
             return Err(wrong(

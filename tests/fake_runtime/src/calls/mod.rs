@@ -10,6 +10,7 @@ pub(crate) mod graphics;
 pub(crate) mod hand_tracking;
 pub(crate) mod instance;
 pub(crate) mod layer;
+pub(crate) mod motion;
 pub(crate) mod session;
 pub(crate) mod space;
 pub(crate) mod swapchain;

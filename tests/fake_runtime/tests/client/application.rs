@@ -6,6 +6,7 @@ use std::ptr;
 use ash::vk::{self, Handle as _};
 use openxr::{self as hl, sys};
 
+use crate::motion::{self, Motion};
 use crate::vulkan::Vulkan;
 
 /// Frames that it submits before it asks for the end.
@@ -20,6 +21,7 @@ pub struct Application {
     instance: hl::Instance,
     session: hl::Session<hl::Vulkan>,
     swapchains: Vec<hl::Swapchain<hl::Vulkan>>,
+    motion: Option<Motion>,
     space: hl::Space,
     vulkan: Vulkan,
 }
@@ -31,6 +33,7 @@ pub fn run(mistake: &str) {
     let mut extensions = hl::ExtensionSet::default();
     extensions.khr_vulkan_enable2 = true;
     extensions.khr_composition_layer_depth = mistake.starts_with("depth") && mistake != "depth not enabled";
+    motion::enable(&mut extensions, mistake);
     let about = hl::ApplicationInfo { application_name: "client", ..Default::default() };
     let instance = entry.create_instance(&about, &extensions, &[], &()).unwrap();
     let system = instance.system(hl::FormFactor::HEAD_MOUNTED_DISPLAY).unwrap();
@@ -50,24 +53,36 @@ pub fn run(mistake: &str) {
         .unwrap();
     let format = vk::Format::R8G8B8A8_SRGB.as_raw() as u32;
     assert!(session.enumerate_swapchain_formats().unwrap().contains(&format));
-    let swapchain = |view: &hl::ViewConfigurationView| {
-        let info = hl::SwapchainCreateInfo {
-            create_flags: hl::SwapchainCreateFlags::EMPTY,
-            usage_flags: hl::SwapchainUsageFlags::COLOR_ATTACHMENT | hl::SwapchainUsageFlags::TRANSFER_DST,
-            format,
-            sample_count: 1,
-            width: view.recommended_image_rect_width,
-            height: view.recommended_image_rect_height,
-            face_count: 1,
-            array_size: 1,
-            mip_count: 1,
-        };
-        session.create_swapchain(&info).unwrap()
+    let one = |view: &hl::ViewConfigurationView| {
+        let size = [view.recommended_image_rect_width, view.recommended_image_rect_height];
+        swapchain(&session, hl::SwapchainUsageFlags::COLOR_ATTACHMENT, format, size)
     };
-    let swapchains = views.iter().map(swapchain).collect();
+    let swapchains = views.iter().map(one).collect();
+    let motion = Motion::new(&instance, system, &session, mistake);
     let space = session.create_reference_space(hl::ReferenceSpaceType::LOCAL, hl::Posef::IDENTITY).unwrap();
     let mistake = mistake.to_string();
-    Application { mistake, instance, session, swapchains, space, vulkan }.live();
+    Application { mistake, instance, session, swapchains, motion, space, vulkan }.live();
+}
+
+/// A swapchain whose images can be cleared.
+pub fn swapchain(
+    session: &hl::Session<hl::Vulkan>,
+    usage: hl::SwapchainUsageFlags,
+    format: u32,
+    [width, height]: [u32; 2],
+) -> hl::Swapchain<hl::Vulkan> {
+    let info = hl::SwapchainCreateInfo {
+        create_flags: hl::SwapchainCreateFlags::EMPTY,
+        usage_flags: usage | hl::SwapchainUsageFlags::TRANSFER_DST,
+        format,
+        sample_count: 1,
+        width,
+        height,
+        face_count: 1,
+        array_size: 1,
+        mip_count: 1,
+    };
+    session.create_swapchain(&info).unwrap()
 }
 
 impl Application {
@@ -219,6 +234,8 @@ impl Application {
         if let Some(view) = layers.first_mut().filter(|_| mistaken && self.mistake.starts_with("depth")) {
             view.next = ptr::from_ref(&depth).cast();
         }
+        let mut chains = self.motion.as_ref().map(|motion| motion.chains(mistaken)).unwrap_or_default();
+        motion::hang(&mut chains, &mut layers);
         if mistaken && self.makes("one view") {
             layers.pop();
         }
@@ -233,6 +250,9 @@ impl Application {
     }
 
     fn draw(&mut self, mistaken: bool) {
+        if let Some(motion) = &mut self.motion {
+            motion.draw(&self.vulkan);
+        }
         for (eye, &colour) in COLOURS.iter().enumerate() {
             let swapchain = &mut self.swapchains[eye];
             let images = swapchain.enumerate_images().unwrap();
@@ -307,7 +327,7 @@ impl Application {
     }
 
     fn leave(self) {
-        let Application { mistake, instance, session, mut swapchains, space, vulkan } = self;
+        let Application { mistake, instance, session, mut swapchains, motion, space, vulkan } = self;
         if mistake == "stale handle" {
             let stale = swapchains.pop().unwrap().as_raw();
             let mut index = 0;
@@ -319,7 +339,7 @@ impl Application {
             unsafe { (instance.fp().destroy_session)(session.as_raw()) };
             std::process::exit(0);
         }
-        drop((swapchains, space, session));
+        drop((swapchains, motion, space, session));
         if mistake != "instance left" {
             drop(instance);
         } else {

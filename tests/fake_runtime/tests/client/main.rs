@@ -1,6 +1,8 @@
 //! The runtime under a small application: a correct one passes, and each planted mistake is found.
 
 mod application;
+mod motion;
+mod motion_rules;
 #[path = "../../../common/validation.rs"]
 mod validation;
 mod vulkan;
@@ -54,9 +56,9 @@ fn run_and_listen(mistake: &str, script: &Script) -> (Log, String) {
 }
 
 /// What Khronos' layers say of the application with a mistake.
-fn run_under_layers(mistake: &str) -> Vec<String> {
+fn run_under_layers(mistake: &str, script: &Script) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
-    let setup = Setup::new(folder.path(), &Script::default());
+    let setup = Setup::new(folder.path(), script);
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "client", "--ignored", "--nocapture"]).env(MISTAKE, mistake);
     let output = setup.apply(&mut command).envs(validation::environment(folder.path())).output().unwrap();
@@ -153,7 +155,7 @@ fn each_mistake_is_found() {
             ("wrong type", Some("VUID-XrFrameEndInfo-type-type")),
             ("stale handle", Some("VUID-xrAcquireSwapchainImage-swapchain-parameter")),
         ] {
-            let messages = run_under_layers(mistake);
+            let messages = run_under_layers(mistake, &Script::default());
             match expected {
                 None => assert_eq!(messages, Vec::<String>::new()),
                 Some(expected) => {

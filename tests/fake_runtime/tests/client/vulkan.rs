@@ -56,8 +56,33 @@ impl Vulkan {
 
     /// Fills an image, which is in the layout `rest` before and after, with a colour.
     pub fn clear(&self, image: vk::Image, rest: vk::ImageLayout, colour: [f32; 4]) {
+        let colour = vk::ClearColorValue { float32: colour };
+        self.fill(image, rest, vk::ImageAspectFlags::COLOR, |commands, layout, range| {
+            // SAFETY: the commands are being recorded; the image is in the layout.
+            unsafe { self.device.cmd_clear_color_image(commands, image, layout, &colour, &[range]) };
+        });
+    }
+
+    /// Fills an image of depths, which waits in the layout of an attachment.
+    pub fn clear_depth(&self, image: vk::Image, depth: f32) {
+        let rest = vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
+        let depth = vk::ClearDepthStencilValue { depth, stencil: 0 };
+        self.fill(image, rest, vk::ImageAspectFlags::DEPTH, |commands, layout, range| {
+            // SAFETY: the commands are being recorded; the image is in the layout.
+            unsafe { self.device.cmd_clear_depth_stencil_image(commands, image, layout, &depth, &[range]) };
+        });
+    }
+
+    /// Runs a command that writes an image, which is in the layout `rest` before and after.
+    fn fill(
+        &self,
+        image: vk::Image,
+        rest: vk::ImageLayout,
+        aspect_mask: vk::ImageAspectFlags,
+        record: impl FnOnce(vk::CommandBuffer, vk::ImageLayout, vk::ImageSubresourceRange),
+    ) {
         let range = vk::ImageSubresourceRange {
-            aspect_mask: vk::ImageAspectFlags::COLOR,
+            aspect_mask,
             base_mip_level: 0,
             level_count: 1,
             base_array_layer: 0,
@@ -84,8 +109,7 @@ impl Vulkan {
             let commands = device.allocate_command_buffers(&info).unwrap();
             device.begin_command_buffer(commands[0], &vk::CommandBufferBeginInfo::default()).unwrap();
             device.cmd_pipeline_barrier(commands[0], all, all, none, &[], &[], &barrier(rest, write));
-            let colour = vk::ClearColorValue { float32: colour };
-            device.cmd_clear_color_image(commands[0], image, write, &colour, &[range]);
+            record(commands[0], write, range);
             device.cmd_pipeline_barrier(commands[0], all, all, none, &[], &[], &barrier(write, rest));
             device.end_command_buffer(commands[0]).unwrap();
             let queue = device.get_device_queue(0, 0);
