@@ -55,6 +55,8 @@ pub struct HeadsetConfig {
     pub keyboard: bool,
     /// Hand over pictures' depths where the runtime takes them, for its own reprojection.
     pub depth: bool,
+    /// Hand over how far what pictures show has moved where the runtime takes that, for pictures of its own in between.
+    pub motion_vectors: bool,
 }
 
 /// The hand that points and turns.
@@ -108,6 +110,7 @@ impl Default for HeadsetConfig {
             grab: Grab::Marked,
             keyboard: true,
             depth: true,
+            motion_vectors: true,
         }
     }
 }

@@ -8,6 +8,7 @@ use super::locomotion::Hands;
 use crate::gpu::vulkan::{Encoding, Rect, Target};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
+use crate::reconstruct::MotionImage;
 
 /// What is to be done next.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +50,8 @@ pub struct Canvas {
     pub rect: Rect,
     /// What its numbers mean.
     pub encoding: Encoding,
+    /// Where motion vectors go, where the headset takes them.
+    pub motion: Option<MotionImage>,
 }
 
 impl Canvas {
@@ -59,7 +62,7 @@ impl Canvas {
         let canvas = |&(width, height): &(u32, u32)| {
             let rect = Rect { x, y: 0, width, height };
             x += width;
-            Canvas { target: target.clone(), rect, encoding }
+            Canvas { target: target.clone(), rect, encoding, motion: None }
         };
         sizes.iter().map(canvas).collect()
     }

@@ -20,6 +20,7 @@ pub mod rift_dk1;
 #[cfg(feature = "window")]
 mod windowed;
 
+use crate::math::pose::Pose;
 pub use deadline::Deadline;
 pub use fault::{Fault, Outcome};
 pub use frame::{Canvas, EyeView, Frame, Gaze, Input, Keys, Next, Toggles};
@@ -88,6 +89,9 @@ pub trait Headset {
 
     /// Tells how long frames usually take from their beginning to their end.
     fn expect(&mut self, _usual: Duration) {}
+
+    /// Tells where the tracked space lies in the scene in the picture that is about to be ended.
+    fn stand(&mut self, _world_from_space: Pose) {}
 
     /// Tells in words how the picture was made that is about to be ended.
     fn describe(&mut self, _status: String) {}

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DMat4, DVec2};
 
-use super::Overlay;
+use super::{MotionImage, Overlay};
 use crate::gpu::vulkan::{BufferRef, Encoding, Rect, Target};
 use crate::math::pose::Pose;
 use crate::math::view::View;
@@ -60,13 +60,22 @@ pub struct Output<'a> {
     pub encoding: Encoding,
     /// Exposure in EV: radiance is multiplied by two to its power before tone mapping.
     pub exposure: f32,
+    /// Where motion vectors of what the rectangle shows go, if anywhere (guided).
+    pub motion: Option<&'a MotionImage>,
 }
 
 impl<'a> Output<'a> {
     /// The view's upper left part over the whole target, with its format's usual encoding.
     pub fn whole(target: &'a Target, exposure: f32) -> Self {
         let rect = Rect { x: 0, y: 0, width: target.width(), height: target.height() };
-        Output { target, rect, source: [0, 0], encoding: Encoding::of(target.format()), exposure }
+        Output {
+            target,
+            rect,
+            source: [0, 0],
+            encoding: Encoding::of(target.format()),
+            exposure,
+            motion: None,
+        }
     }
 }
 

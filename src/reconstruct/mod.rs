@@ -16,6 +16,7 @@ mod frame;
 mod grid;
 mod history;
 mod magnify;
+mod motion_vectors;
 mod motions;
 mod overlay;
 mod parameters;
@@ -32,6 +33,7 @@ use std::collections::HashMap;
 
 pub use frame::{Frame, NEAREST_DEPTH, Output};
 pub use history::Reuse;
+pub use motion_vectors::MotionImage;
 pub use overlay::Overlay;
 pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weights};
 
@@ -41,6 +43,7 @@ use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 use history::{Accumulate, Fresh, History};
 use magnify::Magnify;
+use motion_vectors::{LastPicture, MotionPasses};
 use parameters::{PackedSpacing, PixelParameters, rays};
 use reprojection::Reprojection;
 use samples::Prepare;
@@ -56,6 +59,7 @@ pub struct Reconstruction {
     /// Made for the first view that needs it.
     magnify: Option<Magnify>,
     passes: HashMap<Attachments, PassPipeline>,
+    motion: MotionPasses,
     views: Vec<ViewState>,
 }
 
@@ -65,6 +69,7 @@ struct ViewState {
     dropped: HostBuffer,
     warp: HostBuffer,
     history: History,
+    last_picture: LastPicture,
     /// Radiance of the view's pixels, where they are not its picture's.
     shaded: Option<BufferRef>,
 }
@@ -87,6 +92,7 @@ impl Reconstruction {
             settings,
             prepare: Prepare::new(context, &settings)?,
             passes: HashMap::new(),
+            motion: MotionPasses::default(),
             views: Vec::new(),
         })
     }
@@ -112,6 +118,7 @@ impl Reconstruction {
                 dropped: HostBuffer::new(&self.context, 4)?,
                 warp: HostBuffer::new(&self.context, size_of::<Reprojection>())?,
                 history: History::default(),
+                last_picture: LastPicture::default(),
                 shaded: None,
             });
         }
@@ -210,6 +217,8 @@ impl Reconstruction {
             let pass = &self.passes[&output.target.attachments()];
             pixels::draw(commands, pass, tables, &self.settings, frame, output, (parameters, &warp))?;
         }
+        let last = &mut state.last_picture;
+        self.motion.record(&self.context, commands, (tables, &self.settings), last, frame, (rays, &warp))?;
         commands.end_stage("reconstruct");
         commands.submit()
     }
@@ -225,6 +234,9 @@ impl Reconstruction {
             match self.magnify.as_mut().filter(|_| !even) {
                 Some(magnify) => magnify.require_pass(&self.context, attachments)?,
                 None => self.require_pass(attachments)?,
+            }
+            if let Some(image) = output.motion {
+                self.motion.require(&self.context, image.target.attachments())?;
             }
         }
         Ok(())

@@ -62,7 +62,7 @@ pub(super) fn draw(
 }
 
 /// The band's part of the frame's visibility; none where it is not used.
-fn visible_rows(
+pub(super) fn visible_rows(
     frame: &Frame<'_>,
     settings: &Settings,
     tables: &Tables,

@@ -1,6 +1,7 @@
 //! The SPIR-V that the build made of `kernels/*.wgsl`.
 
 use super::magnify::MagnifyParameters;
+use super::motion_vectors::MotionParameters;
 use super::parameters::{FilterParameters, PixelParameters};
 use crate::gpu::vulkan::Shader;
 use crate::reconstruct::history::AccumulateParameters;
@@ -38,6 +39,13 @@ pub const MAGNIFY: Shader = Shader {
     words: spirv!("magnify"),
     buffers: 5,
     push: size_of::<MagnifyParameters>() as u32,
+};
+
+pub const MOTION: Shader = Shader {
+    name: "motion.wgsl",
+    words: spirv!("motion"),
+    buffers: 3,
+    push: size_of::<MotionParameters>() as u32,
 };
 
 /// How long the lists of that variant are.

@@ -231,6 +231,7 @@ fn outputs_are_cut_from_the_view() {
         source: [source_x, 2],
         encoding: Encoding::Radiance,
         exposure: 0.0,
+        motion: None,
     };
     bench.render_to(&[part(0, 0), part(12, 8)], |x, y| radiance([x as f32, y as f32, 1.0]), nothing);
     let picture: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().unwrap());

@@ -24,6 +24,7 @@ pub mod guided;
 pub mod intersect;
 pub mod layers;
 pub mod light;
+pub mod motion;
 pub mod radiance;
 pub mod random;
 pub mod reconstruct;

@@ -97,10 +97,11 @@ impl Draw for Renderer {
 /// What is traced, as the renderer takes it, with the images that it fills.
 fn requests<'p>(picture: &Picture<'p>) -> Vec<ViewRequest<'p>> {
     let output = |part: &Part| {
-        let Canvas { target, rect, encoding } = &picture.canvases[part.view];
+        let Canvas { target, rect, encoding, motion } = &picture.canvases[part.view];
         let (width, height) = part.size;
         let rect = crate::gpu::vulkan::Rect { width, height, ..*rect };
-        Output { target, rect, source: part.source, encoding: *encoding, exposure: picture.exposure }
+        let (source, encoding, exposure) = (part.source, *encoding, picture.exposure);
+        Output { target, rect, source, encoding, exposure, motion: motion.as_ref() }
     };
     let request = |traced: &Traced| ViewRequest {
         view: traced.view,

@@ -320,6 +320,7 @@ impl<'a> FrameLoop<'a> {
             || format!("{samples} samples"),
             |held| format!("quality {:.0} %, {samples} samples", 100.0 * held.position),
         ));
+        link.headset.stand(self.rig.in_scene(Pose::IDENTITY));
         link.headset.end(frame, Some(&made.shown))?;
         let (deadline, now) = (link.headset.deadline(frame), link.headset.now());
         let ages = self.pace.end(deadline, now);

@@ -26,8 +26,9 @@ fn held(run: &Run, call: &str) -> Vec<[u64; 3]> {
 /// take memory once for what was never needed before, such as a shader for the first late frame: the two largest
 /// steps do not count, while what each session leaves behind comes in many.
 fn assert_steady(held: &[[u64; 3]], warm: usize, slack: i64) {
-    let (before, after) = (held[warm], held[held.len() - 1]);
-    assert!(after[0] <= before[0] && after[1] <= before[1], "{held:?}");
+    // A thread of the session before may just be ending; what is left behind is still there in the next ones.
+    let least = |kind: usize| held[held.len() - 3..].iter().map(|held| held[kind]).min();
+    assert!(least(0) <= Some(held[warm][0]) && least(1) <= Some(held[warm][1]), "{held:?}");
     let steps = held[warm..].windows(2).map(|pair| pair[1][2] as i64 - pair[0][2] as i64);
     let mut steps: Vec<i64> = steps.collect();
     steps.sort_unstable();
@@ -84,5 +85,5 @@ fn twelve_instances_leave_nothing_behind() {
 #[test]
 #[should_panic]
 fn a_leak_is_noticed() {
-    assert_steady(&[[9, 4, 5000], [9, 4, 5010], [10, 4, 5010]], 1, 100);
+    assert_steady(&[[9, 4, 5000], [9, 4, 5010], [10, 4, 5010], [11, 4, 5010], [12, 4, 5010]], 1, 100);
 }

@@ -23,6 +23,7 @@ mod losses;
 #[cfg(feature = "window")]
 mod mirror;
 mod moments;
+mod motion;
 mod pictures;
 #[cfg(feature = "window")]
 #[path = "../window/screen.rs"]

@@ -260,7 +260,8 @@ impl Presentation<'_> {
 
     /// Presents in one session, from its start to its end.
     fn in_session(&self, stage: &mut Stage, run: &mut Run) -> Outcome<()> {
-        let HeadsetConfig { eye_tracking, refresh_hz, depth, hand, walk, turn, .. } = self.config.headset;
+        let HeadsetConfig { eye_tracking, refresh_hz, depth, motion_vectors, hand, walk, turn, .. } =
+            self.config.headset;
         let guided = self.config.reconstruction.method == Method::Guided;
         let gaze = eye_tracking && self.gaze.is_none();
         let controls = Controls {
@@ -269,9 +270,10 @@ impl Presentation<'_> {
             teleports: walk == Walk::Teleport,
             turns: turn != Turn::Off,
         };
-        let (depth, mirrored) =
-            (depth && guided, run.mirror.as_ref().is_some_and(|mirror| !mirror.is_closed()));
-        let options = Options { size: self.size, gaze, refresh_hz, depth, controls, mirrored };
+        let (depth, motion_vectors) = (depth && guided, motion_vectors && guided);
+        let mirrored = run.mirror.as_ref().is_some_and(|mirror| !mirror.is_closed());
+        let options =
+            Options { size: self.size, gaze, refresh_hz, depth, motion_vectors, controls, mirrored };
         run.teller.watch.asks();
         let mut session = Session::new(&stage.runtime, &stage.machine.context, &options)?;
         self.introduce(stage, &session, run)?;
@@ -296,6 +298,7 @@ impl Presentation<'_> {
         told.runtime = stage.runtime.name().to_string();
         told.format = format!("{:?}", session.formats().color);
         told.depth_format = session.formats().depth.map(|format| format!("{format:?}"));
+        told.motion_vectors = session.motion_vectors();
         told.sharing = stage.renderer.sharing().to_string();
         told.device = stage.machine.device.info().name.clone();
         told.presenting_device = stage.machine.context.report().name.clone();

@@ -112,6 +112,8 @@ pub struct Told {
     pub format: String,
     /// That of their depths.
     pub depth_format: Option<String>,
+    /// The extension by which the runtime gets motion vectors.
+    pub motion_vectors: Option<&'static str>,
     /// How samples come to the presenting device.
     pub sharing: String,
     /// The tracing device.
@@ -141,6 +143,7 @@ impl Report {
             views: told.views.clone(),
             format: told.format.clone(),
             depth_format: told.depth_format.clone(),
+            motion_vectors: told.motion_vectors,
             samples: stats.samples(),
             budget: stats.budget(),
             sharing: told.sharing.clone(),
@@ -253,6 +256,8 @@ pub struct Summary {
     pub format: String,
     /// The format of the depths beside them; `null` where none are handed over.
     pub depth_format: Option<String>,
+    /// The extension by which the runtime gets motion vectors; `null` where it gets none.
+    pub motion_vectors: Option<&'static str>,
     /// Shaded samples of the newest picture.
     pub samples: usize,
     /// How pictures' time was held; `null` where it was not.

@@ -26,6 +26,7 @@ mod foveated;
 mod gaze;
 mod hand_tracking;
 mod lifecycle;
+mod motion;
 mod runtime;
 mod session;
 mod setup;

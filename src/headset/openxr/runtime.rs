@@ -111,6 +111,8 @@ fn wanted(offered: &xr::ExtensionSet) -> xr::ExtensionSet {
     wanted.ext_eye_gaze_interaction = offered.ext_eye_gaze_interaction;
     wanted.ext_performance_settings = offered.ext_performance_settings;
     wanted.fb_display_refresh_rate = offered.fb_display_refresh_rate;
+    wanted.ext_frame_synthesis = offered.ext_frame_synthesis;
+    wanted.fb_space_warp = offered.fb_space_warp;
     wanted.varjo_quad_views = offered.varjo_quad_views;
     // An extension of the one before.
     wanted.varjo_foveated_rendering = offered.varjo_foveated_rendering && offered.varjo_quad_views;

@@ -1,5 +1,6 @@
 //! A session: states, frames, views, images.
 
+mod events;
 mod input;
 mod layers;
 mod menu;
@@ -19,7 +20,8 @@ use super::floor::Floor;
 use super::foveated::Followed;
 use super::gaze::{self, EyeTracker};
 use super::hand_tracking::HandTrackers;
-use super::lifecycle::{self, Duty, Lifecycle};
+use super::lifecycle::{self, Lifecycle};
+use super::motion::MotionVectors;
 use super::runtime::Runtime;
 use super::setup::{Sizes, Steady, images, sizes};
 use super::spectator::Spectator;
@@ -28,6 +30,7 @@ use super::waiter::Waiter;
 use super::{convert, extras, vulkan};
 use crate::gpu::vulkan::{Context, Encoding, Rect};
 use crate::headset::{Canvas, Deadline, EyeView, Frame, Headset, HiddenMesh, Input, Next};
+use crate::math::pose::Pose;
 
 /// How long one look for a frame lasts before events are looked for again.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -47,6 +50,8 @@ pub struct Options {
     pub refresh_hz: f64,
     /// Hand over depths beside pictures where the runtime takes them.
     pub depth: bool,
+    /// Hand over motion vectors where the runtime takes them.
+    pub motion_vectors: bool,
     /// What controllers do.
     pub controls: Controls,
     /// Spectators want to see what the first view shows.
@@ -57,6 +62,7 @@ pub struct Options {
 pub struct Session {
     // In the order in which they end.
     images: Vec<ViewImages>,
+    motion: Option<MotionVectors>,
     notices: Notices,
     menu: Menu,
     /// What spectators see, where they can.
@@ -143,10 +149,14 @@ impl Session {
         let sizes = sizes(views, options.size, context.image_size_limit(), &mut notes);
         let candidates = formats(&session, options.depth && runtime.takes_depth, options.mirrored)?;
         let (formats, images) = images(&session, context, &candidates, &sizes, &mut notes)?;
+        let of_views = (runtime.views, images.len());
+        let moves = || MotionVectors::new(&session, runtime.system, of_views, context, &mut notes);
+        let motion = options.motion_vectors.then(moves).transpose()?.flatten();
         let spectator = options.mirrored.then(|| Spectator::new(context, formats, &mut notes)).transpose()?;
         let spectator = spectator.flatten();
         Ok(Session {
             images,
+            motion,
             notices: Notices::new(context),
             menu: Menu::new(options.controls),
             spectator,
@@ -188,6 +198,11 @@ impl Session {
     /// The formats of all images.
     pub fn formats(&self) -> Formats {
         self.formats
+    }
+
+    /// The extension by which the runtime gets motion vectors, if it does.
+    pub fn motion_vectors(&self) -> Option<&'static str> {
+        self.motion.as_ref().map(MotionVectors::extension)
     }
 
     /// Why nothing is shown, where that lasts.
@@ -238,58 +253,6 @@ impl Session {
             self.clock.pause();
         }
         Ok(Frame { time, should_render, began: Instant::now() })
-    }
-
-    fn poll(&mut self) -> Outcome<()> {
-        let instance = self.instance.clone();
-        let mut buffer = xr::EventDataBuffer::new();
-        while let Some(event) = instance.poll_event(&mut buffer).called("xrPollEvent")? {
-            match event {
-                xr::Event::SessionStateChanged(change) => self.enter(change.state())?,
-                xr::Event::InstanceLossPending(_) => {
-                    return Err(Fault::Instance("the OpenXR runtime is about to end".into()));
-                }
-                xr::Event::ReferenceSpaceChangePending(_) => self.floor.forget(),
-                xr::Event::VisibilityMaskChangedKHR(_) => {
-                    self.hidden = extras::hidden(&self.session, self.views, self.images.len());
-                    self.masks += 1;
-                }
-                _ => {}
-            }
-        }
-        Ok(())
-    }
-
-    fn enter(&mut self, state: xr::SessionState) -> Outcome<()> {
-        self.state = state;
-        match self.life.enter(state) {
-            Duty::None => {}
-            Duty::Begin => {
-                self.clock.pause();
-                self.session.begin(self.views).called("xrBeginSession")?;
-            }
-            Duty::End => {
-                self.finish_frames()?;
-                self.session.end().called("xrEndSession")?;
-            }
-            Duty::Exit => self.ended = true,
-            Duty::Rebuild => return Err(Fault::Session("the OpenXR session is about to be lost".into())),
-        }
-        Ok(())
-    }
-
-    /// Takes the frame that is still waited for, so that every wait has its begin and end.
-    fn finish_frames(&mut self) -> Outcome<()> {
-        if self.waiter.asked() {
-            self.waiter.ask(Duration::ZERO);
-        }
-        if self.waiter.asked()
-            && let Some(state) = self.waiter.take(EXIT_PATIENCE)?
-        {
-            let frame = self.begin(state)?;
-            self.end(&frame, None)?;
-        }
-        Ok(())
     }
 }
 
@@ -389,24 +352,35 @@ impl Headset for Session {
             // Runtimes take what they are given for linear light, or decode it by themselves.
             let encoding = Encoding::DisplayLinear;
             let rect = Rect { x: 0, y: 0, width, height };
-            Ok(images.acquire()?.map(|target| Canvas { target, rect, encoding }))
+            Ok(images.acquire()?.map(|target| Canvas { target, rect, encoding, motion: None }))
         };
         let canvases: Outcome<Option<Vec<Canvas>>> = self.images.iter_mut().map(canvas).collect();
-        self.starved = matches!(canvases, Ok(None));
-        canvases
+        let mut canvases = canvases?;
+        self.starved = canvases.is_none();
+        if let (Some(canvases), Some(motion)) = (&mut canvases, &mut self.motion) {
+            canvases.iter_mut().zip(motion.acquire()?).for_each(|(canvas, image)| canvas.motion = image);
+        }
+        Ok(canvases)
     }
 
     fn end(&mut self, _: &Frame, shown: Option<&[EyeView]>) -> Outcome<()> {
         // What was not drawn into is kept for the next frame.
-        let mut board = false;
+        let (mut board, mut moves) = (false, false);
         if let Some(shown) = shown {
             board = self.show_menu()?;
             self.spectate()?;
             self.images.iter_mut().try_for_each(ViewImages::release)?;
+            moves = self.motion.as_mut().map_or(Ok(false), MotionVectors::release)?;
             self.shown = shown.to_vec();
             self.newest = Some(Instant::now());
         }
-        self.submit(shown, board)
+        self.submit(shown, board, moves)?;
+        self.motion.iter_mut().for_each(|motion| motion.shown(shown.is_some()));
+        Ok(())
+    }
+
+    fn stand(&mut self, world_from_space: Pose) {
+        self.motion.iter_mut().for_each(|motion| motion.stand(world_from_space));
     }
 
     fn describe(&mut self, status: String) {

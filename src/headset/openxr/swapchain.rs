@@ -29,7 +29,7 @@ const FORMATS: [vk::Format; 6] = [
 ];
 
 /// Formats of depths, best first: reversed depths are at their best in floats.
-const DEPTH_FORMATS: [vk::Format; 4] = [
+pub(super) const DEPTH_FORMATS: [vk::Format; 4] = [
     vk::Format::D32_SFLOAT,
     vk::Format::D32_SFLOAT_S8_UINT,
     vk::Format::D24_UNORM_S8_UINT,
@@ -259,21 +259,27 @@ impl ViewImages {
         Some(DepthInfo(info, PhantomData))
     }
 
-    /// The images that were released last as a layer's view, as an eye saw what was drawn into them.
+    /// The images that were released last, and those of their depths.
+    pub fn sub_images(&self) -> (sys::SwapchainSubImage, Option<sys::SwapchainSubImage>) {
+        (self.color.sub_image(self.size), self.depth.as_ref().map(|depth| depth.sub_image(self.size)))
+    }
+
+    /// The images that were released last as a layer's view, as an eye saw what was drawn into them, with what is
+    /// told beside them.
     pub fn layer_view<'a>(
         &'a self,
         eye: &EyeView,
-        depth: Option<&'a DepthInfo<'_>>,
+        beside: Option<Chained<'a>>,
     ) -> xr::CompositionLayerProjectionView<'a, xr::Vulkan> {
         let view = sys::CompositionLayerProjectionView {
             ty: sys::CompositionLayerProjectionView::TYPE,
-            next: depth.map_or(std::ptr::null(), |depth| (&raw const depth.0).cast()),
+            next: Chained::next(beside),
             pose: convert::posef(eye.space_from_eye),
             fov: convert::fovf(&eye.fov),
             sub_image: self.color.sub_image(self.size),
         };
-        // SAFETY: the swapchain and what is chained live as long as the view's lifetime says; structures of
-        // depths exist only where their extension is enabled.
+        // SAFETY: the swapchain and what is chained live as long as the view's lifetime says; structures that are
+        // chained exist only where their extension is enabled.
         unsafe { xr::CompositionLayerProjectionView::from_raw(view) }
     }
 
@@ -307,3 +313,21 @@ impl ViewImages {
 
 /// What a layer tells of a view's depths; lives as long as the images that it names.
 pub struct DepthInfo<'a>(sys::CompositionLayerDepthInfoKHR, PhantomData<&'a ViewImages>);
+
+impl DepthInfo<'_> {
+    /// To be chained to a layer's view.
+    pub fn chained(&self) -> Chained<'_> {
+        Chained((&raw const self.0).cast(), PhantomData)
+    }
+}
+
+/// A structure that is told beside another one.
+#[derive(Clone, Copy)]
+pub struct Chained<'a>(pub(super) *const std::ffi::c_void, pub(super) PhantomData<&'a ()>);
+
+impl Chained<'_> {
+    /// What the other one's `next` becomes.
+    pub fn next(chained: Option<Chained<'_>>) -> *const std::ffi::c_void {
+        chained.map_or(std::ptr::null(), |chained| chained.0)
+    }
+}

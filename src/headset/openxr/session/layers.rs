@@ -5,6 +5,8 @@ use std::time::Duration;
 use openxr as xr;
 
 use super::super::fault::{Called, Outcome};
+use super::super::motion::MotionInfo;
+use super::super::swapchain::DepthInfo;
 use super::{Session, ViewImages};
 use crate::gpu::vulkan::Target;
 use crate::headset::EyeView;
@@ -53,37 +55,65 @@ impl Session {
             let why = why.unwrap_or_else(|| self.why_dark());
             self.notices.write(&self.session, self.formats.color, why, &self.located, &mut self.notes)?
         };
-        self.submit(shown.as_deref(), tells)
+        self.submit(shown.as_deref(), tells, false)?;
+        self.motion.iter_mut().for_each(|motion| motion.shown(false));
+        Ok(())
     }
 
-    /// Ends the frame with the images that were released last, as views saw them, and with the board.
-    pub(super) fn submit(&mut self, shown: Option<&[EyeView]>, board: bool) -> Outcome<()> {
+    /// Ends the frame with the images that were released last, as views saw them, with their motion vectors, and with the
+    /// board. Runtimes that refuse one of the latter two get none from then on.
+    pub(super) fn submit(
+        &mut self,
+        shown: Option<&[EyeView]>,
+        mut board: bool,
+        mut moves: bool,
+    ) -> Outcome<()> {
+        board &= self.notices.layer(&self.space).is_some();
+        let mut ended = self.end_frame(shown, board, moves);
+        while let Err(code) = ended
+            && REFUSALS.contains(&code)
+            && (board || moves)
+        {
+            if moves {
+                (moves, self.motion) = (false, None);
+                self.notes.note(format!("xrEndFrame refuses motion vectors ({code:?}): it gets none"));
+            } else {
+                board = false;
+                self.notices.refuse();
+                let refused = format!("xrEndFrame refuses the board with messages ({code:?}): there is none");
+                self.notes.note(refused);
+            }
+            ended = match self.end_frame(shown, board, moves) {
+                // Runtimes may take the frame for ended all the same.
+                Err(xr::sys::Result::ERROR_CALL_ORDER_INVALID) => Ok(()),
+                again => again,
+            };
+        }
+        ended.called("xrEndFrame")
+    }
+
+    fn end_frame(&mut self, shown: Option<&[EyeView]>, board: bool, moves: bool) -> xr::Result<()> {
         let depths: Vec<_> = self.images.iter().map(ViewImages::depth_info).collect();
-        let images = self.images.iter().zip(&depths);
+        let beside: Vec<_> = depths.iter().map(|depth| depth.as_ref().map(DepthInfo::chained)).collect();
+        let motion = self.motion.as_ref().filter(|_| moves);
+        let info = |(view, beside): (usize, &Option<_>)| motion?.info(view, *beside);
+        let motions: Vec<_> = beside.iter().enumerate().map(info).collect();
+        let beside = motions
+            .iter()
+            .zip(beside)
+            .map(|(moves, depth)| moves.as_ref().map(MotionInfo::chained).or(depth));
+        let images = self.images.iter().zip(beside);
         let views: Vec<_> = shown
             .unwrap_or_default()
             .iter()
             .zip(images)
-            .map(|(eye, (images, depth))| images.layer_view(eye, depth.as_ref()))
+            .map(|(eye, (images, beside))| images.layer_view(eye, beside))
             .collect();
         let layer = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
         let quad = if board { self.notices.layer(&self.space) } else { None };
         let mut layers: Vec<&xr::CompositionLayerBase<xr::Vulkan>> = Vec::new();
         layers.extend(shown.map(|_| &*layer));
         layers.extend(quad.iter().map(|quad| &**quad));
-        let ended = self.stream.end(self.display_time, self.blend, &layers);
-        let Err(code) = ended else { return Ok(()) };
-        if quad.is_none() || !REFUSALS.contains(&code) {
-            return ended.called("xrEndFrame");
-        }
-        layers.pop();
-        let again = self.stream.end(self.display_time, self.blend, &layers);
-        self.notices.refuse();
-        self.notes.note(format!("xrEndFrame refuses the board with messages ({code:?}): there is none"));
-        // Runtimes may take the frame for ended all the same.
-        match again {
-            Err(xr::sys::Result::ERROR_CALL_ORDER_INVALID) => Ok(()),
-            again => again.called("xrEndFrame"),
-        }
+        self.stream.end(self.display_time, self.blend, &layers)
     }
 }
