@@ -3,6 +3,7 @@
 //#include shared/cover.wgsl
 //#include shared/records.wgsl
 //#include shared/warp.wgsl
+//#include shared/motion.wgsl
 
 // Where the shown part of a picture, and its depths, lie in normalised device coordinates (Vulkan's: X to the right, Y down,
 // from -1 to 1): from pixels of the picture.
@@ -13,14 +14,6 @@ struct Projection {
     ahead: vec4<f32>,
     // The traced eye relative to the one that the picture was seen from, in metres in world orientation.
     offset: vec4<f32>,
-}
-
-// Where a point of something that moves as a whole was: from relative to the traced eye to relative to the last picture's.
-// The rows of a matrix; all 0 where it is not known.
-struct Motion {
-    x: vec4<f32>,
-    y: vec4<f32>,
-    z: vec4<f32>,
 }
 
 struct Pictures {
@@ -99,19 +92,6 @@ fn seen_at(picture: Projection, point: vec3<f32>, is_far: bool) -> vec3<f32> {
     return vec3(vec2(dot(picture.x.xyz, point), dot(picture.y.xyz, point)) / ahead, depth);
 }
 
-// Where a surface point, relative to the traced eye, was relative to the last picture's.
-fn point_before(point: vec3<f32>, mapped: u32) -> vec3<f32> {
-    let still = point + pictures[0].last.offset.xyz;
-    let index = (mapped >> SURFACE_MOVER) - 1u;
-    if (mapped & SURFACE_MOVES) == 0u || index >= parameters.motions {
-        return still;
-    }
-    let motion = pictures[0].motions[index];
-    let is_known = any(motion.x != vec4(0.0));
-    let seen = vec4(point, 1.0);
-    return select(still, vec3(dot(motion.x, seen), dot(motion.y, seen), dot(motion.z, seen)), is_known);
-}
-
 // The target's motion vectors, and its depths.
 @fragment
 fn motion_vectors(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
@@ -129,7 +109,8 @@ fn motion_vectors(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
     let point = point_at(parameters.rays, view_spacing(), pixel.x, pixel.y, distance);
     let pictures_now = pictures[0].now;
     let here = select(point + pictures_now.offset.xyz, point, is_far);
-    let there = select(point_before(point, record.mapped), point, is_far);
+    let still = point + pictures[0].last.offset.xyz;
+    let there = select(point_before(point, still, record.mapped, parameters.motions), point, is_far);
     let now = seen_at(pictures_now, here, is_far);
     let last = seen_at(pictures[0].last, there, is_far);
     let now_at = (now.xy - vec2(parameters.shift_x, parameters.shift_y))

@@ -62,6 +62,7 @@ fn render(
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: None,
+        point: Default::default(),
         other: None,
         exposure: 0.0,
         outputs: &outputs,

@@ -38,6 +38,7 @@ impl Config {
         whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;
         whole("reconstruction.k", self.reconstruction.k, 1, 16)?;
         whole("time.frames", self.time.frames, 1, 256)?;
+        whole("time.pictures", self.time.pictures, 1, 64)?;
         range("time.rays", self.time.rays, 0.01, 1.0)?;
         let environment = &self.environment;
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;

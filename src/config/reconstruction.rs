@@ -54,12 +54,14 @@ pub struct TimeConfig {
     pub frames: u32,
     /// Let samples of one eye serve the other, too.
     pub eyes: bool,
+    /// Pictures at most that the mean of a pixel holds, where pixels are wider than the picture's.
+    pub pictures: u32,
     /// Of [`super::TraceConfig::rays`], the part that a frame sends where one before it has left light and the view has hardly moved.
     pub rays: f64,
 }
 
 impl Default for TimeConfig {
     fn default() -> Self {
-        TimeConfig { reuse: true, frames: 32, eyes: true, rays: 0.5 }
+        TimeConfig { reuse: true, frames: 32, eyes: true, pictures: 16, rays: 0.5 }
     }
 }

@@ -26,7 +26,7 @@
 //! - reconstruct (`Reconstruction::submit`): `filter_samples` averages each sample with its neighbours on its
 //!   surface; a fragment shader makes each pixel, adds the sun's light to it, and writes the target; where
 //!   the view's pixels are wider than the picture's, `shade_pixels` makes the former and
-//!   `kernels/magnify.wgsl` the latter
+//!   `kernels/magnify.wgsl` the latter, from the mean over some pictures (`kernels/resolve.wgsl`) where light is reused
 //!
 //! Tracing is waited for before its samples are shared; reconstruction is not, so the second eye is traced
 //! while the first is reconstructed. Then `Reconstruction::wait` collects times. `FrameReport` holds what the
@@ -225,9 +225,12 @@ impl Renderer {
         Ok(())
     }
 
-    /// A view as it is traced: its pose is new in each frame, its pixels are those of its pattern.
+    /// A view as it is traced: its pose is new in each frame, its pixels are those of its pattern, and where within them it
+    /// looks may be elsewhere.
     fn view_of(&self, index: usize, request: &ViewRequest) -> View {
-        View { world_from_eye: request.view.world_from_eye, ..self.views[index].view }
+        let view = &self.views[index].view;
+        let view = View { world_from_eye: request.view.world_from_eye, ..*view };
+        View { spacing: view.spacing.shifted(self.reconstruction.point(index, &view)), ..view }
     }
 
     fn reconstruct(
@@ -240,6 +243,7 @@ impl Renderer {
         let traced = &self.views[index];
         let frame = Frame {
             view,
+            point: self.reconstruction.point(index, view),
             samples: traced.sample_target.samples.vulkan(),
             visibility: traced.sample_target.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,

@@ -1,5 +1,7 @@
 //! How far apart a view's pixels are: evenly, or farther where the eye resolves less.
 
+use glam::DVec2;
+
 /// How the pixels of a view lie along one axis of its picture.
 ///
 /// Within `radius` of the gaze they are the picture's own. Beyond it the pixel at a distance of `radius` + e pixels from
@@ -79,6 +81,10 @@ impl Axis {
         (1.0 - self.growth * beyond).powi(-2)
     }
 
+    fn shifted(&self, by: f64) -> Axis {
+        if self.is_even() { *self } else { Axis { origin: self.origin - by, ..*self } }
+    }
+
     /// As kernels take it: gaze and origin, `shift` pixels on, radius and growth; all 0 where even.
     pub fn packed(&self, shift: f64) -> [f32; 4] {
         if self.is_even() {
@@ -104,6 +110,12 @@ impl Spacing {
     /// Whether pixels are the picture's own.
     pub fn is_even(&self) -> bool {
         self.columns.is_even() && self.rows.is_even()
+    }
+
+    /// The same whose pixels look at points that lie so many pixels to the right and down of where they did; even axes
+    /// stay.
+    pub fn shifted(&self, by: DVec2) -> Spacing {
+        Spacing { columns: self.columns.shifted(by.x), rows: self.rows.shifted(by.y) }
     }
 }
 

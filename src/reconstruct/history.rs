@@ -43,6 +43,8 @@ pub struct Reuse {
     pub frames: u32,
     /// Whether samples of one eye serve the other.
     pub eyes: bool,
+    /// Pictures at most that the mean of a pixel holds, 1 to 64, where pixels are wider than the picture's; 1: none.
+    pub pictures: u32,
 }
 
 /// Carries light to a frame's samples.

@@ -22,6 +22,7 @@ mod overlay;
 mod parameters;
 mod pixels;
 mod reprojection;
+mod resolve;
 mod samples;
 mod settings;
 mod shaders;
@@ -37,6 +38,8 @@ pub use motion_vectors::MotionImage;
 pub use overlay::Overlay;
 pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weights};
 
+use glam::DVec2;
+
 use crate::error::Result;
 use crate::gpu::vulkan::{Attachments, BufferRef, Commands, Context, HostBuffer, PassPipeline, StageTime};
 use crate::layout::{SampleRecord, VisibilityRecord};
@@ -46,6 +49,7 @@ use magnify::Magnify;
 use motion_vectors::{LastPicture, MotionPasses};
 use parameters::{PackedSpacing, PixelParameters, rays};
 use reprojection::Reprojection;
+use resolve::{Means, Resolve};
 use samples::Prepare;
 use tables::{Finders, Tables};
 
@@ -56,6 +60,8 @@ pub struct Reconstruction {
     finders: Finders,
     prepare: Prepare,
     accumulate: Option<Accumulate>,
+    /// Where pixels are means over several pictures.
+    resolve: Option<Resolve>,
     /// Made for the first view that needs it.
     magnify: Option<Magnify>,
     passes: HashMap<Attachments, PassPipeline>,
@@ -68,7 +74,10 @@ struct ViewState {
     commands: Commands,
     dropped: HostBuffer,
     warp: HostBuffer,
+    /// The same for the mean over several pictures.
+    mean_warp: HostBuffer,
     history: History,
+    means: Means,
     last_picture: LastPicture,
     /// Radiance of the view's pixels, where they are not its picture's.
     shaded: Option<BufferRef>,
@@ -86,6 +95,12 @@ impl Reconstruction {
             finders: Finders::new(context, &settings)?,
             accumulate: match (settings.mode, settings.reuse) {
                 (Mode::Guided(_), Some(reuse)) => Some(Accumulate::new(context, reuse)?),
+                _ => None,
+            },
+            resolve: match (settings.mode, settings.reuse) {
+                (Mode::Guided(_), Some(reuse)) if reuse.pictures > 1 => {
+                    Some(Resolve::new(context, reuse.pictures)?)
+                }
                 _ => None,
             },
             magnify: None,
@@ -117,7 +132,9 @@ impl Reconstruction {
                 commands: Commands::new(&self.context)?,
                 dropped: HostBuffer::new(&self.context, 4)?,
                 warp: HostBuffer::new(&self.context, size_of::<Reprojection>())?,
+                mean_warp: HostBuffer::new(&self.context, size_of::<Reprojection>())?,
                 history: History::default(),
+                means: Means::default(),
                 last_picture: LastPicture::default(),
                 shaded: None,
             });
@@ -209,6 +226,17 @@ impl Reconstruction {
         if let Some(magnify) = self.magnify.as_ref().filter(|_| !even) {
             let shaded = magnify::room(&self.context, &mut state.shaded, frame.view.pixels())?;
             magnify.shade(commands, tables, frame, parameters, [&warp, &shaded])?;
+            let (warp, shaded) = match (&self.resolve, &frame.visibility) {
+                (Some(resolve), Some(visibility)) => {
+                    let mean = View { spacing: frame.view.spacing.shifted(-frame.point), ..*frame.view };
+                    let reprojection = Reprojection::new(&mean, frame.shown_from).with(&mean, frame.overlay);
+                    state.mean_warp.write(0, &[reprojection]);
+                    let of_frame = (rays, visibility, &shaded);
+                    let means = resolve.record(&self.context, commands, &mut state.means, frame, of_frame)?;
+                    (BufferRef::from(&state.mean_warp), means)
+                }
+                _ => (warp.clone(), shaded),
+            };
             for output in frame.outputs {
                 magnify.draw(commands, tables, frame, output, rays, [&warp, &shaded])?;
             }
@@ -278,7 +306,17 @@ impl Reconstruction {
 
     /// The next frames find nothing of those before: after a cut, or where each frame has to stand for itself.
     pub fn forget(&mut self) {
-        self.views.iter_mut().for_each(|state| state.history.forget());
+        self.views.iter_mut().for_each(|state| {
+            state.history.forget();
+            state.means.forget();
+        });
+    }
+
+    /// Where within its pixels the rays of a view's next frame are to look, in pixels from their middles: see
+    /// [`crate::math::spacing::Spacing::shifted`].
+    pub fn point(&self, index: usize, view: &View) -> DVec2 {
+        let means = self.views.get(index).map(|state| &state.means).filter(|_| self.resolve.is_some());
+        means.map_or(DVec2::ZERO, |means| means.point(view))
     }
 
     /// Whether the next frame of the `index`-th view takes light from one before it that was seen from nearly the same

@@ -3,6 +3,7 @@
 use super::magnify::MagnifyParameters;
 use super::motion_vectors::MotionParameters;
 use super::parameters::{FilterParameters, PixelParameters};
+use super::resolve::ResolveParameters;
 use crate::gpu::vulkan::Shader;
 use crate::reconstruct::history::AccumulateParameters;
 use crate::reconstruct::tables::NeighbourParameters;
@@ -39,6 +40,13 @@ pub const MAGNIFY: Shader = Shader {
     words: spirv!("magnify"),
     buffers: 5,
     push: size_of::<MagnifyParameters>() as u32,
+};
+
+pub const RESOLVE: Shader = Shader {
+    name: "resolve.wgsl",
+    words: spirv!("resolve"),
+    buffers: 7,
+    push: size_of::<ResolveParameters>() as u32,
 };
 
 pub const MOTION: Shader = Shader {

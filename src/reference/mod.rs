@@ -28,6 +28,7 @@ pub mod motion;
 pub mod radiance;
 pub mod random;
 pub mod reconstruct;
+pub mod resolve;
 pub mod surface;
 #[cfg(test)]
 mod testing;

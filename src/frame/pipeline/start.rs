@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Output, Renderer};
-use crate::config::{Config, Method, Quality, WeightsConfig};
+use crate::config::{Config, Method, Quality, TimeConfig, WeightsConfig};
 use crate::error::Result;
 use crate::frame::load::{Loaded, Step, fitting_environment, timed};
 use crate::frame::meter::Meter;
@@ -189,7 +189,8 @@ pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {
 }
 
 pub(super) fn reuse(config: &Config) -> Option<Reuse> {
-    config.time.reuse.then_some(Reuse { frames: config.time.frames, eyes: config.time.eyes })
+    let TimeConfig { reuse, frames, eyes, pictures, .. } = config.time;
+    reuse.then_some(Reuse { frames, eyes, pictures })
 }
 
 pub(super) fn reconstruction_settings(quality: &Quality, reuse: Option<Reuse>) -> reconstruct::Settings {

@@ -12,7 +12,7 @@ use crate::reconstruct::{Frame, Mode, Output, Reconstruction, Settings};
 use crate::reference::accumulate::{self, Motion, Sample};
 
 const SIZE: (u32, u32) = (60, 40);
-const REUSE: Reuse = Reuse { frames: 8, eyes: true };
+const REUSE: Reuse = Reuse { frames: 8, eyes: true, pictures: 1 };
 
 /// Pixels that are farther apart around a gaze that moves, in two of three frames.
 fn spacing(frame: u32) -> Spacing {
@@ -156,6 +156,7 @@ fn submit(
         movers: movers(frame).into(),
         overlay: Default::default(),
         shown_from: None,
+        point: DVec2::ZERO,
         other: Some(eye ^ 1),
         exposure: 0.0,
         outputs: &[Output::whole(image.target(), 0.0)],
