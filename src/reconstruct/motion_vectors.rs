@@ -17,7 +17,7 @@ use super::parameters::Rays;
 use super::pixels::visible_rows;
 use super::reprojection::projection;
 use super::tables::{Band, Tables};
-use super::{Frame, NEAREST_DEPTH, Output, Settings, shaders};
+use super::{Frame, Mode, NEAREST_DEPTH, Output, Settings, shaders};
 use crate::error::Result;
 use crate::gpu::vulkan::{Attachments, BufferRef, Commands, Context, HostBuffer, PassPipeline, Rect, Target};
 use crate::layout::MAX_MOVERS;
@@ -125,7 +125,8 @@ impl MotionPasses {
         frame: &Frame<'_>,
         (rays, warp): (Rays, &BufferRef),
     ) -> Result<()> {
-        if frame.outputs.iter().all(|output| output.motion.is_none()) {
+        let is_guided = settings.mode != Mode::KNearest;
+        if !is_guided || frame.outputs.iter().all(|output| output.motion.is_none()) {
             last.shown = None;
             return Ok(());
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use fake_runtime::script::{Dump, Fault, Head, Input, Script, Session};
+use fake_runtime::script::{Dump, Event, EventKind, Fault, Head, Input, Script, Session};
 use foveate::math::pose::Pose;
 use glam::{DQuat, DVec2, DVec3};
 use serde_json::{Value, json};
@@ -165,6 +165,7 @@ fn vectors_lead_from_the_last_picture_to_this_one() {
         let [last, now] = layers(&run, frame);
         for (index, (last, now)) in last.iter().zip(&now).enumerate() {
             assert_eq!(now["motion"]["kind"], kind, "{now}");
+            assert!(now["depth"].is_object(), "the layer's own depths stay beside the vectors: {now}");
             assert_eq!(pose(&numbers(&now["motion"]["delta"])), Pose::IDENTITY);
             assert_ne!(now["pose"], last["pose"]);
             let pixels = pixels(&folder, index, now);
@@ -202,6 +203,35 @@ fn vectors_are_of_the_pictures_as_they_are_shown_after_late_corrections() {
         // Pixels are moved to where they are seen, which is right to a pixel.
         let right = share_right(&pixels, [last, now], 1.0, |point| point);
         assert!(right > 0.9, "view {index}: {right}");
+    }
+}
+
+#[test]
+fn vectors_are_those_of_each_part_of_a_view_that_serves_both_eyes() {
+    let eye = |x: f32, fov| fake_runtime::script::View { fov, ..fake_runtime::script::View::eye(x) };
+    let views = vec![eye(-0.03, [-45.0, 30.0, 40.0, -40.0]), eye(0.03, [-30.0, 45.0, 40.0, -40.0])];
+    // Eyes that do not turn see alike wherever between them they are said to be.
+    let head = Head { velocity: [0.4, 0.1, -0.3], ..Head::default() };
+    for stereo in ["shared", "mono"] {
+        let folder = tempfile::tempdir().unwrap();
+        let script = Script { views: views.clone(), ..script(folder.path(), head, Script::default()) };
+        let flags = format!("{UNCORRECTED} --stereo {stereo}");
+        let Some(run) = run(&script, FRAMES.end as u32, &flags) else { return };
+        run.is_clean();
+        let is_elsewhere = |frame: &u64| {
+            layers(&run, *frame).iter().all(|views| views.len() == 2) && {
+                let [last, now] = layers(&run, *frame);
+                last[0]["pose"] != now[0]["pose"]
+            }
+        };
+        let frame = FRAMES.clone().find(is_elsewhere).unwrap();
+        let [last, now] = layers(&run, frame);
+        for (index, (last, now)) in last.iter().zip(&now).enumerate() {
+            let pixels = pixels(&folder.path().join(frame.to_string()), index, now);
+            let right = share_right(&pixels, [last, now], 1.0, |point| point);
+            assert!(right > 0.98, "{stereo}, view {index}: {right}");
+            assert!(share_right(&pixels, [now, now], 1.0, |point| point) < 0.7, "{stereo}: no motion");
+        }
     }
 }
 
@@ -278,11 +308,63 @@ fn after_a_frame_without_a_picture_the_next_has_no_vectors() {
         fake_runtime::script::FrameRule { from: 6, should_render: Some(false), ..Default::default() };
     script.sessions = vec![Session { frames: vec![hidden], ..Session::default() }];
     let Some(run) = run(&script, 10, "") else { return };
-    let has = |frame: &&fake_runtime::log::Record| {
+    let frames = shown_and_told(&run);
+    let hidden = frames.iter().skip(2).position(|(shown, _)| !shown).unwrap() + 2;
+    assert_eq!(frames[hidden - 1..hidden + 3], [(true, true), (false, false), (true, false), (true, true)]);
+}
+
+/// Of each picture, and of frames that show none: whether there is a picture, and whether it has vectors.
+fn shown_and_told(run: &Run) -> Vec<(bool, bool)> {
+    let view = |frame: &&fake_runtime::log::Record| {
         let view = &frame.0["layers"][0]["views"][0];
         (view.is_object(), view["motion"].is_object())
     };
-    let frames: Vec<_> = run.is_clean().frames().iter().map(has).collect();
-    let hidden = frames.iter().skip(2).position(|(shown, _)| !shown).unwrap() + 2;
-    assert_eq!(frames[hidden - 1..hidden + 3], [(true, true), (false, false), (true, false), (true, true)]);
+    run.is_clean().frames().iter().map(view).collect()
+}
+
+#[test]
+fn images_that_the_compositor_keeps_cost_vectors_and_no_picture() {
+    // Each picture waits for colours and depths of two views, and then for those of their vectors.
+    let kept = Fault {
+        call: "xrWaitSwapchainImage".into(),
+        from: 8 * 3 + 5,
+        result: "TIMEOUT_EXPIRED".into(),
+        ..Fault::default()
+    };
+    let script = Script { motion_vectors: Some(SIZE), faults: vec![kept], ..Script::default() };
+    let Some(run) = run(&script, 9, "") else { return };
+    let frames = shown_and_told(&run);
+    let told = frames.iter().position(|&(_, told)| told).unwrap();
+    let kept = told + frames[told..].iter().position(|&(_, told)| !told).unwrap();
+    // The picture after it has none before it that its vectors could lead from.
+    assert_eq!(frames[kept..kept + 3], [(true, false), (true, false), (true, true)], "{frames:?}");
+    let layers = run.layers();
+    let motion = layers.iter().flat_map(|(_, views)| views.iter().map(|view| &view["motion"]));
+    let chains: Vec<&Value> =
+        motion.flat_map(|motion| [&motion["swapchain"], &motion["depth_swapchain"]]).collect();
+    let waits = run.log.calls("xrWaitSwapchainImage");
+    let waits: Vec<i64> = waits
+        .iter()
+        .filter(|wait| chains.contains(&&wait.0["on"]))
+        .filter_map(|wait| wait.0["timeout"].as_i64())
+        .collect();
+    // Less than a frame, though other images are waited for longer.
+    assert!(waits.len() > 8 && waits.iter().all(|&wait| wait < 10_000_000), "{waits:?}");
+}
+
+#[test]
+fn a_tracked_space_that_is_recentred_moves_nothing() {
+    let events = vec![Event { frame: 7, event: EventKind::Recentred }];
+    let script = Script {
+        motion_vectors: Some(SIZE),
+        head: Head { position: [0.8, 0.2, 0.5], ..Head::default() },
+        sessions: vec![Session { events, ..Session::default() }],
+        ..Script::default()
+    };
+    let Some(run) = run(&script, 12, UNCORRECTED) else { return };
+    let layers = run.is_clean().layers();
+    let place = |index: usize| pose(&numbers(&layers[index].1[0]["pose"])).position;
+    let jump = (1..layers.len()).find(|&index| place(index).distance(place(index - 1)) > 0.5).unwrap();
+    let told: Vec<bool> = layers.iter().map(|(_, views)| views[0]["motion"].is_object()).collect();
+    assert_eq!(told[jump - 1..jump + 2], [true, false, true], "{told:?}");
 }

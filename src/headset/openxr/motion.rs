@@ -2,22 +2,30 @@
 //! XR_FB_space_warp.
 //!
 //! Vectors belong to the step from one picture to the next. Whatever breaks that row of pictures, a frame that shows the
-//! last one again or a wearer who has been carried elsewhere, leaves one frame without them.
+//! last one again, a picture without vectors, a wearer who has been carried elsewhere or a tracked space that the runtime
+//! has recentred, leaves one frame without them.
 #![allow(unsafe_code)]
 
 use std::marker::PhantomData;
+use std::time::Duration;
 
+use glam::DQuat;
 use openxr::{self as xr, sys};
 
 use super::convert;
 use super::fault::{Called, Notes, Outcome};
 use super::swapchain::{Chained, DEPTH_FORMATS, Formats, ViewImages};
 use crate::gpu::vulkan::{Context, Format};
+use crate::headset::EyeView;
 use crate::math::pose::Pose;
 use crate::reconstruct::{MotionImage, NEAREST_DEPTH};
 
-/// Metres and radians that locomotion may carry the wearer from one picture to the next; farther is a cut.
+/// Metres and radians that locomotion may carry the wearer from one picture to the next, and that an eye may move in the
+/// tracked space; farther is a cut.
 const CUT: (f64, f64) = (0.5, 0.25);
+
+/// How long an image is waited for in one frame: a picture without vectors is better than one that comes late.
+const PATIENCE: Duration = Duration::from_millis(4);
 
 /// The extension that takes them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,13 +34,34 @@ enum Kind {
     SpaceWarp,
 }
 
+/// Where the wearer is.
+#[derive(Clone, Copy, Debug)]
+struct Stand {
+    /// The tracked space in the scene.
+    world_from_space: Pose,
+    /// The first eye in that.
+    space_from_eye: Pose,
+}
+
+impl Stand {
+    /// Whether pictures in between could show how one came here from there.
+    fn follows(&self, last: &Stand) -> bool {
+        let carried = last.world_from_space.inverse().then(self.world_from_space);
+        let moved = last.space_from_eye.inverse().then(self.space_from_eye);
+        [carried, moved].iter().all(|step| {
+            step.position.length() < CUT.0 && step.rotation.angle_between(DQuat::IDENTITY) < CUT.1
+        })
+    }
+}
+
 /// Of all views, their images, and how far the row of pictures has come.
 pub struct MotionVectors {
     kind: Kind,
     images: Vec<ViewImages>,
-    /// Where the tracked space lies in the scene, in this frame and in the one whose picture came just before.
-    stands: Pose,
-    stood: Option<Pose>,
+    /// In this frame.
+    stands: Stand,
+    /// In the one whose picture, with vectors, came just before.
+    stood: Option<Stand>,
     /// This frame has images, and they have been drawn into.
     drawn: bool,
 }
@@ -79,7 +108,8 @@ impl MotionVectors {
         let images = |&size| ViewImages::new(session, context, formats, size);
         let images: Outcome<Vec<_>> = told[..count].iter().map(images).collect();
         let Some(images) = notes.or_without(images, WITHOUT)? else { return Ok(None) };
-        Ok(Some(MotionVectors { kind, images, stands: Pose::IDENTITY, stood: None, drawn: false }))
+        let stands = Stand { world_from_space: Pose::IDENTITY, space_from_eye: Pose::IDENTITY };
+        Ok(Some(MotionVectors { kind, images, stands, stood: None, drawn: false }))
     }
 
     /// The name of the extension.
@@ -96,7 +126,8 @@ impl MotionVectors {
     /// As [`ViewImages::acquire`].
     pub fn acquire(&mut self) -> Outcome<Vec<Option<MotionImage>>> {
         let y_up = self.kind == Kind::SpaceWarp;
-        let images: Outcome<Option<Vec<_>>> = self.images.iter_mut().map(ViewImages::acquire).collect();
+        let acquire = |images: &mut ViewImages| images.acquire_within(PATIENCE);
+        let images: Outcome<Option<Vec<_>>> = self.images.iter_mut().map(acquire).collect();
         let images = images?;
         self.drawn = images.is_some();
         let image = |target| Some(MotionImage { target, y_up });
@@ -105,35 +136,34 @@ impl MotionVectors {
 
     /// Tells where the tracked space lies in the scene in the picture that is about to be handed over.
     pub fn stand(&mut self, world_from_space: Pose) {
-        self.stands = world_from_space;
+        self.stands.world_from_space = world_from_space;
     }
 
-    /// Hands the images of a picture over; whether they are to be told.
+    /// Hands the images of a picture over, as its views saw it; whether they are to be told.
     ///
     /// # Errors
     /// As [`ViewImages::release`].
-    pub fn release(&mut self) -> Outcome<bool> {
-        if !std::mem::replace(&mut self.drawn, false) {
-            self.stood = None;
+    pub fn release(&mut self, shown: &[EyeView]) -> Outcome<bool> {
+        if let Some(eye) = shown.first() {
+            self.stands.space_from_eye = eye.space_from_eye;
+        }
+        if !self.drawn {
             return Ok(false);
         }
         self.images.iter_mut().try_for_each(ViewImages::release)?;
-        let follows = self.stood.is_some_and(|stood| {
-            let delta = stood.inverse().then(self.stands);
-            delta.position.length() < CUT.0 && delta.rotation.angle_between(Default::default()) < CUT.1
-        });
-        Ok(follows)
+        Ok(self.stood.is_some_and(|stood| self.stands.follows(&stood)))
     }
 
-    /// A picture was handed over, with its vectors or without; or none was.
+    /// A picture was handed over, or none was. One whose vectors were not drawn is not what the next one's lead from.
     pub fn shown(&mut self, picture: bool) {
-        self.stood = picture.then_some(self.stands);
+        let drawn = std::mem::replace(&mut self.drawn, false);
+        self.stood = (picture && drawn).then_some(self.stands);
     }
 
     /// What a layer tells of a view's motion vectors, and after it what it tells beside them.
     pub fn info<'a>(&'a self, view: usize, beside: Option<Chained<'a>>) -> Option<MotionInfo<'a>> {
         let (vectors, depth) = self.images.get(view)?.sub_images();
-        let delta = self.stood?.inverse().then(self.stands);
+        let delta = self.stood?.world_from_space.inverse().then(self.stands.world_from_space);
         let (next, delta, depth) = (Chained::next(beside), convert::posef(delta), depth?);
         // As `ViewImages::depth_info` has it.
         let (min_depth, max_depth, near_z, far_z) = (0.0, 1.0, f32::MAX, NEAREST_DEPTH);

@@ -370,7 +370,7 @@ impl Headset for Session {
             board = self.show_menu()?;
             self.spectate()?;
             self.images.iter_mut().try_for_each(ViewImages::release)?;
-            moves = self.motion.as_mut().map_or(Ok(false), MotionVectors::release)?;
+            moves = self.motion.as_mut().map_or(Ok(false), |motion| motion.release(shown))?;
             self.shown = shown.to_vec();
             self.newest = Some(Instant::now());
         }

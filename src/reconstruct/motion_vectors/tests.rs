@@ -162,8 +162,8 @@ fn submit(
     images.iter().map(|image| bytemuck::pod_collect_to_vec(&image.read().unwrap())).collect()
 }
 
-fn reconstruction(context: &Context) -> Reconstruction {
-    let settings = Settings { mode: Mode::default(), ..Settings::default() };
+fn reconstruction(context: &Context, mode: Mode) -> Reconstruction {
+    let settings = Settings { mode, ..Settings::default() };
     let mut reconstruction = Reconstruction::new(context, settings).unwrap();
     reconstruction.set_pattern(0, SIZE.0, SIZE.1, &[5]).unwrap();
     reconstruction
@@ -189,7 +189,7 @@ fn vectors_are_those_of_the_twin() {
     let Some(context) = testing::context() else { return };
     for (uneven, corrected) in [(false, false), (false, true), (true, false), (true, true)] {
         let manner = Manner { uneven, corrected };
-        let mut reconstruction = reconstruction(&context);
+        let mut reconstruction = reconstruction(&context, Mode::default());
         let first = submit(&mut reconstruction, 0, manner, Some(false));
         assert!(share_alike(&first, [0, 0], manner, 1.0) > 0.99, "{manner:?}");
         for frame in 1..4 {
@@ -210,13 +210,25 @@ fn vectors_are_those_of_the_twin() {
 fn pictures_without_vectors_are_not_remembered() {
     let Some(context) = testing::context() else { return };
     let manner = Manner { uneven: false, corrected: false };
-    let mut reconstruction = reconstruction(&context);
+    let mut reconstruction = reconstruction(&context, Mode::default());
     let is_still = |vector: &[f32; 4]| vector.iter().all(|part| part.abs() < 1e-4);
     for (between, still) in [(Some(false), false), (None, true)] {
         submit(&mut reconstruction, 0, manner, Some(false));
         submit(&mut reconstruction, 1, manner, between);
         let found = submit(&mut reconstruction, 2, manner, Some(false));
         assert_eq!(found.iter().flatten().all(is_still), still, "{between:?}");
+    }
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn where_nothing_tells_what_is_seen_images_stay_as_they_are() {
+    let Some(context) = testing::context() else { return };
+    let manner = Manner { uneven: false, corrected: false };
+    let mut reconstruction = reconstruction(&context, Mode::KNearest);
+    for frame in 0..2 {
+        submit(&mut reconstruction, frame, manner, Some(false));
+        assert!(reconstruction.views[0].last_picture.uniform.is_none());
     }
     testing::assert_valid(&context);
 }

@@ -101,6 +101,7 @@ pub(crate) fn wait(swapchain: xr::Swapchain, info: In<xr::SwapchainImageWaitInfo
         if timeout < 0 {
             return Err(invalid(format!("a timeout of {timeout} ns")));
         }
+        note.set("timeout", timeout);
         note.set("image", runtime.swapchain(swapchain.into_raw())?.order.wait()?);
         DONE
     })
