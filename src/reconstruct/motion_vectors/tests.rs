@@ -46,6 +46,11 @@ fn shown_from(frame: u32, manner: Manner) -> Option<Pose> {
     manner.corrected.then_some(moved)
 }
 
+/// From where a picture is shown.
+fn shown_at(frame: u32, manner: Manner) -> Pose {
+    shown_from(frame, manner).unwrap_or(view(frame, manner).world_from_eye)
+}
+
 /// A thing that slides, one that turns, and one that has just appeared.
 fn movers(frame: u32) -> Arc<[Option<DMat4>]> {
     let time = f64::from(frame);
@@ -101,7 +106,7 @@ fn expected(frames: [u32; 2], manner: Manner, part: usize, [x, y]: [u32; 2]) -> 
     let place = |frame| number.checked_sub(1).and_then(|index| *movers(frame).get(index)?);
     let moved = place(frames[0]).zip(place(frames[1])).map(|(was, is)| was * is.inverse());
     let shown = |frame| motion::Shown {
-        view: shown_view(&view(frame, manner), shown_from(frame, manner)),
+        view: View { world_from_eye: shown_at(frame, manner), ..view(frame, manner) },
         source: DVec2::new(f64::from(source[0]), f64::from(source[1])),
         size: DVec2::new(f64::from(size[0]), f64::from(size[1])),
     };
