@@ -46,6 +46,8 @@ var<immediate> parameters: Parameters;
 
 // A mean holds one picture where its surface moves by so many pixels from one to the next, two at half of that.
 const SLOW = 1.0;
+// A mean of pixels twice as wide holds a sixteenth as many pictures.
+const FORGETS = 4.0;
 // A mean of so many pictures is in the middle of its pixel though each of them looks aside of it.
 const MANY = 4.0;
 
@@ -155,6 +157,7 @@ fn resolve_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
     var before = vec2(-1e6);
     var around = Around(own, own, id.xy, 0.0);
     var longest = parameters.longest;
+    var sharpness = 1.0;
     let is_still = pictures[0].size.w != 0u;
     if is_still {
         before = vec2<f32>(id.xy);
@@ -168,6 +171,8 @@ fn resolve_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
         longest = clamp(SLOW / max(pixels, 1e-6), 1.0, longest);
         let spacing = pictures[0].last_spacing;
         before = vec2(pixel_of_point(spacing.columns, there.x), pixel_of_point(spacing.rows, there.y));
+        // Where the gaze has come, the last mean is of wider pixels.
+        sharpness = min(pixel_scale(pictures[0].spacing, vec2<f32>(id.xy)) / pixel_scale(spacing, before), 1.0);
     }
     let is_known = all(before > vec2(-0.5)) && all(before < size - 0.5);
     if !is_known {
@@ -177,11 +182,12 @@ fn resolve_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     before = clamp(before, vec2(0.0), size - 1.0);
     let nearest = vec2<u32>(before + 0.5);
-    let held = max(last_counts[nearest.y * pictures[0].size.x + nearest.x], 1.0);
+    let told = max(last_counts[nearest.y * pictures[0].size.x + nearest.x], 1.0);
+    let held = told * pow(sharpness, FORGETS);
     let count = min(held + 1.0, longest);
     let mean = last_mean(before);
     let kept = select(clamp(mean, around.low, around.high), mean, is_still);
-    let aside = select((count - 1.0) / (MANY - 1.0), 1.0, is_still);
+    let aside = select(max(count - 1.0, 0.0) / (MANY - 1.0), 1.0, is_still);
     var value = own;
     if aside < 1.0 {
         value = mix(own_middle(id.xy), own, aside);

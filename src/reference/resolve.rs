@@ -88,7 +88,7 @@ impl Picture<'_> {
         let own = self.radiance[self.place(at)];
         let Some(last) = last else { return (self.middle(at), 1.0) };
         let centre = DVec2::new(f64::from(at[0]), f64::from(at[1])) + 0.5;
-        let mut longest = self.longest;
+        let (mut longest, mut sharpness) = (self.longest, 1.0);
         let before = if self.is_still {
             centre
         } else {
@@ -99,7 +99,11 @@ impl Picture<'_> {
             // One picture at a pixel a picture, two at half of that.
             let pixels = moved.length() / self.view.pixel_scale(centre);
             longest = (1.0 / pixels.max(1e-6)).clamp(1.0, longest);
-            last.view.pixel_at(self.view.picture_point(centre) + moved)
+            let before = last.view.pixel_at(self.view.picture_point(centre) + moved);
+            // A mean of pixels twice as wide holds a sixteenth as many pictures.
+            let widths = self.view.pixel_scale(centre) / last.view.pixel_scale(before);
+            sharpness = widths.min(1.0).powi(4);
+            before
         };
         let size = DVec2::new(f64::from(last.view.width), f64::from(last.view.height));
         if before.cmple(DVec2::ZERO).any() || before.cmpge(size).any() {
@@ -107,7 +111,7 @@ impl Picture<'_> {
         }
         let before = (before - 0.5).clamp(DVec2::ZERO, size - 1.0);
         let nearest = (before + 0.5).floor();
-        let count = last.counts[(nearest.y * size.x + nearest.x) as usize] + 1.0;
+        let count = last.counts[(nearest.y * size.x + nearest.x) as usize] * sharpness + 1.0;
         let count = count.min(longest);
         let mut mean = bicubic(&last.radiance, size, before);
         if !self.is_still {

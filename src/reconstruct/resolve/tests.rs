@@ -13,16 +13,15 @@ use crate::reference::resolve::{Mean, Picture};
 
 const SIZE: (u32, u32) = (60, 40);
 const LONGEST: u32 = 12;
+/// The frame in which the gaze jumps.
+const JUMP: u32 = 20;
 const REUSE: Reuse = Reuse { frames: 8, eyes: false, pictures: LONGEST };
 
 /// Where the eye is and looks in a frame; its gaze moves where it does, and it rests in some frames.
 fn view(frame: u32, walks: bool) -> View {
     let time = if walks { 0.1 * f64::from(frame) } else { 0.0 };
     let axis = |picture, gaze, origin| Axis { picture, gaze, origin, radius: 6.0, growth: 0.012 };
-    let spacing = Spacing {
-        columns: axis(90.0, 40.0 + f64::from(frame / 4 * u32::from(walks)), 25.0),
-        rows: axis(60.0, 28.0, 19.0),
-    };
+    let spacing = Spacing { columns: axis(90.0, gaze(frame, walks), 25.0), rows: axis(60.0, 28.0, 19.0) };
     let rotation = DQuat::from_euler(glam::EulerRot::YXZ, 0.02 * time, 0.01 * time, 0.005 * time);
     View {
         world_from_eye: Pose::new(rotation, DVec3::new(0.03 * time, 1.6, -0.05 * time)),
@@ -31,6 +30,12 @@ fn view(frame: u32, walks: bool) -> View {
         height: SIZE.1,
         spacing,
     }
+}
+
+/// The column that is looked at: it follows something, and jumps at last.
+fn gaze(frame: u32, walks: bool) -> f64 {
+    let follows = f64::from(frame / 4 * u32::from(walks));
+    if walks && frame >= JUMP { 75.0 } else { 40.0 + follows }
 }
 
 fn movers(frame: u32) -> Arc<[Option<DMat4>]> {
@@ -274,5 +279,35 @@ fn means_stay_on_the_surface_that_they_are_of_as_the_eye_walks_past() {
     }
     let [mean, single, last] = errors.map(|sum| (sum / f64::from(held)).sqrt());
     assert!(held > 10_000 && mean < 0.5 * single && mean < 0.2 * last, "{held}: {mean} {single} {last}");
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn where_the_gaze_comes_pictures_are_sharp_at_once() {
+    let Some(context) = testing::context() else { return };
+    let mut reconstruction = reconstruction(&context, REUSE);
+    let picture = |frame| records(frame % 2, false);
+    for frame in JUMP - 4..JUMP {
+        submit(&mut reconstruction, frame, true, &picture(frame));
+    }
+    let shown = submit(&mut reconstruction, JUMP, true, &picture(JUMP));
+    let (old, new) = (view(JUMP - 1, true), view(JUMP, true));
+    let counts = |is_sharper: bool| {
+        let pixel = |index: usize| {
+            DVec2::new((index % SIZE.0 as usize) as f64, (index / SIZE.0 as usize) as f64) + 0.5
+        };
+        let widths = |pixel: DVec2| {
+            let before = old.pixel_at(new.picture_point(pixel));
+            [new.pixel_scale(pixel), old.pixel_scale(before)]
+        };
+        let counted = (0..shown.counts.len()).filter(|&index| {
+            let [now, before] = widths(pixel(index));
+            if is_sharper { before > 1.5 * now } else { before <= now }
+        });
+        let counts: Vec<f32> = counted.map(|index| shown.counts[index]).collect();
+        (counts.iter().sum::<f32>() / counts.len() as f32, counts.len())
+    };
+    let ((sharper, sharp), (other, wide)) = (counts(true), counts(false));
+    assert!(sharp > 50 && wide > 50 && sharper < 1.6 && other > 2.5, "{sharp} {wide}: {sharper} {other}");
     testing::assert_valid(&context);
 }
