@@ -5,8 +5,7 @@
 //#include shared/warp.wgsl
 //#include shared/motion.wgsl
 
-// Where the shown part of a picture, and its depths, lie in normalised device coordinates (Vulkan's: X to the right, Y down,
-// from -1 to 1): from pixels of the picture.
+// Where a picture shows points.
 struct Projection {
     // In pixels of the picture, a point p relative to its eye is seen at (x . p, y . p) / (ahead . p).
     x: vec4<f32>,
@@ -37,8 +36,8 @@ struct Parameters {
     rows: u32,
     // Metres at which a depth is 1.
     nearest_depth: f32,
-    // Normalised device coordinates are pixels times these, and the part of the picture that an output shows begins at
-    // the pixels `now` and `last`. Y is negative where it goes up.
+    // Normalised device coordinates (X to the right, -1 to 1 over what an output shows) for each pixel, in this picture and
+    // in the last one; Y is negative where it goes up. And the last picture's shift.
     now_scale_x: f32,
     now_scale_y: f32,
     last_scale_x: f32,

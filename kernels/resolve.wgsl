@@ -15,8 +15,8 @@ struct Pictures {
     ahead: vec4<f32>,
     // This eye relative to the last one, in metres in world orientation.
     offset: vec4<f32>,
-    // Where within its pixels this picture looks, in pixels from the middles.
-    point: vec4<f32>,
+    // This picture's sub-pixel jitter, in pixels from the middles.
+    jitter: vec4<f32>,
     // Pixels of the last mean across and down, things whose motion is told, and whether nothing moves at all.
     size: vec4<u32>,
     // By the number that records have of it, less one.
@@ -136,7 +136,7 @@ fn last_mean(at: vec2<f32>) -> vec3<f32> {
 // This picture's radiance in the middle of a pixel, between those that look elsewhere within theirs.
 fn own_middle(at: vec2<u32>) -> vec3<f32> {
     let size = vec2(parameters.width, parameters.height);
-    let place = clamp(vec2<f32>(at) - pictures[0].point.xy, vec2(0.0), vec2<f32>(size - 1u));
+    let place = clamp(vec2<f32>(at) - pictures[0].jitter.xy, vec2(0.0), vec2<f32>(size - 1u));
     let first = vec2<u32>(place);
     let second = min(first + 1u, size - 1u);
     let part = place - floor(place);

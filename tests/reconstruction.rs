@@ -62,7 +62,7 @@ fn render(
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: None,
-        point: Default::default(),
+        jitter: Default::default(),
         other: None,
         exposure: 0.0,
         outputs: &outputs,

@@ -230,7 +230,7 @@ impl Renderer {
     fn view_of(&self, index: usize, request: &ViewRequest) -> View {
         let view = &self.views[index].view;
         let view = View { world_from_eye: request.view.world_from_eye, ..*view };
-        View { spacing: view.spacing.shifted(self.reconstruction.point(index, &view)), ..view }
+        View { spacing: view.spacing.shifted(self.reconstruction.jitter(index, &view)), ..view }
     }
 
     fn reconstruct(
@@ -243,7 +243,7 @@ impl Renderer {
         let traced = &self.views[index];
         let frame = Frame {
             view,
-            point: self.reconstruction.point(index, view),
+            jitter: self.reconstruction.jitter(index, view),
             samples: traced.sample_target.samples.vulkan(),
             visibility: traced.sample_target.visibility.as_ref().map(Shared::vulkan),
             sun: self.sun,

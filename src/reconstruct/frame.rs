@@ -19,9 +19,9 @@ pub struct Frame<'a> {
     /// Where the eye is and what it sees; its size is the pattern's. Outputs show its picture: pixels that are not even
     /// are for guided reconstruction, and for views of at most [`super::Reconstruction::most_pixels`].
     pub view: &'a View,
-    /// Where within their pixels the view's rays look, in pixels from the middles: what its spacing is shifted by. Not the
-    /// same in all frames where pixels are means over several ([`super::Reconstruction::point`]).
-    pub point: DVec2,
+    /// Sub-pixel jitter: where within their pixels the view's rays look, in pixels from the middles, which its spacing is
+    /// shifted by. Another one in each frame where pixels are means over several ([`super::Reconstruction::jitter`]).
+    pub jitter: DVec2,
     /// One [`crate::layout::SampleRecord`] for each sample of the pattern, in its order.
     pub samples: BufferRef,
     /// One [`crate::layout::VisibilityRecord`] for each pixel, row after row; needed for guided reconstruction.

@@ -228,7 +228,7 @@ impl Reconstruction {
             magnify.shade(commands, tables, frame, parameters, [&warp, &shaded])?;
             let (warp, shaded) = match (&self.resolve, &frame.visibility) {
                 (Some(resolve), Some(visibility)) => {
-                    let mean = View { spacing: frame.view.spacing.shifted(-frame.point), ..*frame.view };
+                    let mean = View { spacing: frame.view.spacing.shifted(-frame.jitter), ..*frame.view };
                     let reprojection = Reprojection::new(&mean, frame.shown_from).with(&mean, frame.overlay);
                     state.mean_warp.write(0, &[reprojection]);
                     let of_frame = (rays, visibility, &shaded);
@@ -314,9 +314,9 @@ impl Reconstruction {
 
     /// Where within its pixels the rays of a view's next frame are to look, in pixels from their middles: see
     /// [`crate::math::spacing::Spacing::shifted`].
-    pub fn point(&self, index: usize, view: &View) -> DVec2 {
+    pub fn jitter(&self, index: usize, view: &View) -> DVec2 {
         let means = self.views.get(index).map(|state| &state.means).filter(|_| self.resolve.is_some());
-        means.map_or(DVec2::ZERO, |means| means.point(view))
+        means.map_or(DVec2::ZERO, |means| means.jitter(view))
     }
 
     /// Whether the next frame of the `index`-th view takes light from one before it that was seen from nearly the same

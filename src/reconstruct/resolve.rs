@@ -28,8 +28,8 @@ const COUNT_BYTES: usize = 4;
 /// Pixels by which most of a picture may move for the last mean to serve it, where things are so many metres away.
 const MOST_PIXELS: f64 = 1.0;
 const NEAR: f64 = 2.0;
-/// After so many pictures the points within pixels come again.
-const POINTS: u32 = 16;
+/// After so many pictures the jitter comes again.
+const JITTERS: u32 = 16;
 
 /// The shader.
 pub(super) struct Resolve {
@@ -70,7 +70,7 @@ struct Pictures {
     y: [f32; 4],
     ahead: [f32; 4],
     offset: [f32; 4],
-    point: [f32; 4],
+    jitter: [f32; 4],
     size: [u32; 4],
 }
 
@@ -86,8 +86,8 @@ pub(super) struct ResolveParameters {
 impl Means {
     /// Where within its pixels the next picture of a view looks, in pixels from their middles: in the middle where there
     /// is no mean that it could come to.
-    pub fn point(&self, view: &View) -> DVec2 {
-        match self.pictures % POINTS {
+    pub fn jitter(&self, view: &View) -> DVec2 {
+        match self.pictures % JITTERS {
             _ if !self.serves(view) => DVec2::ZERO,
             index => DVec2::new(radical_inverse(2, index), radical_inverse(3, index)) - 0.5,
         }
@@ -171,7 +171,7 @@ impl Pictures {
             y,
             ahead,
             offset: offset.as_vec3().extend(0.0).to_array(),
-            point: [frame.point.x as f32, frame.point.y as f32, 0.0, 0.0],
+            jitter: [frame.jitter.x as f32, frame.jitter.y as f32, 0.0, 0.0],
             size: [last.view.width, last.view.height, motions as u32, rests.into()],
         }
     }
@@ -193,7 +193,7 @@ impl Resolve {
         frame: &Frame<'_>,
         (rays, visibility, shaded): (Rays, &BufferRef, &BufferRef),
     ) -> Result<BufferRef> {
-        let view = View { spacing: frame.view.spacing.shifted(-frame.point), ..*frame.view };
+        let view = View { spacing: frame.view.spacing.shifted(-frame.jitter), ..*frame.view };
         let buffers = kept.buffers(context, view.pixels())?;
         let Some(last) = kept.last.as_ref().filter(|_| kept.serves(&view)) else {
             return kept.begin(commands, frame, buffers, shaded);

@@ -23,7 +23,7 @@ pub struct Picture<'p> {
     /// As the mean has it.
     pub view: &'p View,
     /// Where within its pixels it looks, in pixels from the middles.
-    pub point: DVec2,
+    pub jitter: DVec2,
     /// Radiance, row after row.
     pub radiance: &'p [DVec3],
     /// What its pixels see.
@@ -80,7 +80,7 @@ impl Picture<'_> {
     /// What the picture shows in the middle of a pixel.
     fn middle(&self, at: [u32; 2]) -> DVec3 {
         let size = DVec2::new(f64::from(self.view.width), f64::from(self.view.height));
-        let at = DVec2::new(f64::from(at[0]), f64::from(at[1])) - self.point;
+        let at = DVec2::new(f64::from(at[0]), f64::from(at[1])) - self.jitter;
         bilinear(self.radiance, size, at.clamp(DVec2::ZERO, size - 1.0))
     }
 

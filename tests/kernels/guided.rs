@@ -113,7 +113,7 @@ fn shown(
         other: None,
         overlay: Default::default(),
         shown_from: from,
-        point: Default::default(),
+        jitter: Default::default(),
         outputs: &[Output::whole(image.target(), 0.0)],
     };
     reconstruction.submit(0, &frame).unwrap();

@@ -42,7 +42,7 @@ fn picture(
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: from,
-        point: Default::default(),
+        jitter: Default::default(),
         other: None,
         exposure: 0.0,
         outputs: &outputs,

@@ -156,7 +156,7 @@ fn submit(
         movers: movers(frame).into(),
         overlay: Default::default(),
         shown_from: None,
-        point: DVec2::ZERO,
+        jitter: DVec2::ZERO,
         other: Some(eye ^ 1),
         exposure: 0.0,
         outputs: &[Output::whole(image.target(), 0.0)],

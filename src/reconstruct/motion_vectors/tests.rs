@@ -158,7 +158,7 @@ fn submit(
         overlay: Default::default(),
         shown_from: shown_from(frame, manner),
         other: None,
-        point: DVec2::ZERO,
+        jitter: DVec2::ZERO,
         exposure: 0.0,
         outputs: &[output(0), output(1)],
     };

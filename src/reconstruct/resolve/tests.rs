@@ -74,7 +74,7 @@ fn records(frame: u32, noise: bool) -> Vec<VisibilityRecord> {
 struct Shown {
     traced: View,
     view: View,
-    point: DVec2,
+    jitter: DVec2,
     shaded: Vec<DVec3>,
     means: Vec<DVec3>,
     counts: Vec<f32>,
@@ -108,8 +108,8 @@ fn submit_with(
 ) -> Shown {
     let context = reconstruction.context.clone();
     let view = view(frame, walks);
-    let point = reconstruction.point(0, &view);
-    let traced = View { spacing: view.spacing.shifted(point), ..view };
+    let jitter = reconstruction.jitter(0, &view);
+    let traced = View { spacing: view.spacing.shifted(jitter), ..view };
     let visibility = &seen(&traced)[..];
     let samples = HostBuffer::new(&context, size_of::<SampleRecord>()).unwrap();
     samples.write(0, &[SampleRecord::default()]);
@@ -118,7 +118,7 @@ fn submit_with(
     let picture = Image::new(&context, Format::R32G32B32A32_SFLOAT, 90, 60).unwrap();
     let shown = Frame {
         view: &traced,
-        point,
+        jitter,
         samples: (&samples).into(),
         visibility: Some((&records).into()),
         sun: None,
@@ -141,7 +141,7 @@ fn submit_with(
     Shown {
         traced,
         view,
-        point,
+        jitter,
         shaded: unpacked(&context, state.shaded.as_ref().unwrap()),
         means: unpacked(&context, &kept.buffers.means),
         counts: testing::fetch::<f32>(&context, &kept.buffers.counts, count)
@@ -172,7 +172,7 @@ fn means_are_those_of_the_twin() {
             let picture = Picture {
                 traced: &shown.traced,
                 view: &shown.view,
-                point: shown.point,
+                jitter: shown.jitter,
                 radiance: &shown.shaded,
                 visibility: &visibility,
                 is_still: !walks,
@@ -204,10 +204,10 @@ fn at_rest_pixels_are_means_of_all_that_they_have_shown() {
     let Some(context) = testing::context() else { return };
     let mut reconstruction = reconstruction(&context, REUSE);
     let mut sums = vec![DVec3::ZERO; (SIZE.0 * SIZE.1) as usize];
-    let mut points = Vec::new();
+    let mut jitters = Vec::new();
     for frame in 0..LONGEST {
         let shown = submit(&mut reconstruction, frame, false, &records(frame, true));
-        points.push(shown.point);
+        jitters.push(shown.jitter);
         sums.iter_mut().zip(&shown.shaded).for_each(|(sum, value)| *sum += *value);
         for (mean, sum) in shown.means.iter().zip(&sums) {
             let expected = *sum / f64::from(frame + 1);
@@ -215,10 +215,10 @@ fn at_rest_pixels_are_means_of_all_that_they_have_shown() {
         }
     }
     // They look all over their pixels, which the first one sees in the middle.
-    assert_eq!(points[0], DVec2::ZERO);
-    assert!(points.iter().all(|point| point.abs().max_element() <= 0.5));
-    let mean = points.iter().sum::<DVec2>() / f64::from(LONGEST);
-    let spread = points.iter().map(|point| point.length_squared()).sum::<f64>() / f64::from(LONGEST);
+    assert_eq!(jitters[0], DVec2::ZERO);
+    assert!(jitters.iter().all(|jitter| jitter.abs().max_element() <= 0.5));
+    let mean = jitters.iter().sum::<DVec2>() / f64::from(LONGEST);
+    let spread = jitters.iter().map(|jitter| jitter.length_squared()).sum::<f64>() / f64::from(LONGEST);
     assert!(mean.length() < 0.1 && (0.1..0.2).contains(&spread), "{mean} {spread}");
     testing::assert_valid(&context);
 }
@@ -309,5 +309,18 @@ fn where_the_gaze_comes_pictures_are_sharp_at_once() {
     };
     let ((sharper, sharp), (other, wide)) = (counts(true), counts(false));
     assert!(sharp > 50 && wide > 50 && sharper < 1.6 && other > 2.5, "{sharp} {wide}: {sharper} {other}");
+    testing::assert_valid(&context);
+}
+
+#[test]
+fn pictures_of_an_eye_that_is_fast_are_what_they_are_without_means() {
+    let Some(context) = testing::context() else { return };
+    let mut reconstruction = reconstruction(&context, REUSE);
+    // From frame to frame the eye turns by a tenth of a pixel, then by several pixels.
+    for (frame, is_fast) in [(0, true), (1, false), (2, false), (40, true), (80, true), (81, false)] {
+        let shown = submit(&mut reconstruction, frame, true, &records(frame, true));
+        assert_eq!(shown.jitter == DVec2::ZERO, is_fast, "{frame}");
+        assert_eq!(shown.means == shown.shaded, is_fast, "{frame}");
+    }
     testing::assert_valid(&context);
 }
