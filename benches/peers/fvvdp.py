@@ -1,11 +1,17 @@
 #!/usr/bin/env python3
-"""Scores frames of `foveate mock --still` by FovVideoVDP, beside their flicker after a blur of 4 pixels.
+"""Scores frames that follow each other by FovVideoVDP, beside the flicker of their error after a blur of 4 pixels.
 
     pip install pyfvvdp pillow
-    benches/peers/fvvdp.py REFERENCE.png FOLDER... [--fov-x 90] [--fps 60] [--gaze 0.5,0.5] [--skip 8]
+    benches/peers/fvvdp.py REFERENCE FOLDER... [--fov-x 90] [--fps 60] [--gaze 0.5,0.5] [--skip 8]
 
-REFERENCE is a converged picture of the same view, such as `foveate render --samples full --rays 64 --passes 16`
-makes. Of each folder the frames after the first few count: a headset's pictures have a history, too. FovVideoVDP
+For the sequences of `foveate measure --out DIR`, which have a history already, and a reference for each frame or one
+for all:
+
+    cd DIR/parts/KEY
+    .../fvvdp.py sequence_reference_rest.frames sequence_*_rest.frames --skip 0
+
+For frames of `foveate mock --still` REFERENCE is a converged picture of the same view, such as `foveate render
+--samples full --rays 64 --passes 16` makes, and the frames after the first few count. FovVideoVDP
 (Mantiuk et al. 2021) is licensed for measuring only, so it is no part of foveate and nothing depends on it.
 """
 
@@ -34,29 +40,36 @@ def blurred(frame, deviation=4.0):
     return frame
 
 
-def flicker(frames):
-    soft = [blurred(frame.astype(float)) for frame in frames]
+def pictures(path):
+    """Those of a folder, or the one."""
+    if os.path.isdir(path):
+        return [picture(file) for file in sorted(glob.glob(os.path.join(path, "frame_*.png")))]
+    return [picture(path)]
+
+
+def flicker(frames, references):
+    soft = [blurred(frame.astype(float) - reference) for frame, reference in zip(frames, references)]
     return float(np.mean([np.abs(b - a).mean() for a, b in zip(soft, soft[1:])]))
 
 
-def psnr(frames, reference):
-    error = np.mean([(frame.astype(float) - reference) ** 2 for frame in frames])
+def psnr(frames, references):
+    error = np.mean([(frame.astype(float) - truth) ** 2 for frame, truth in zip(frames, references)])
     return float(10 * np.log10(255**2 / error))
 
 
-def jod(frames, reference, options):
+def jod(frames, references, options):
     import pyfvvdp
 
-    height, width = reference.shape[:2]
+    height, width = references[0].shape[:2]
     degrees = options.fov_x
     geometry = pyfvvdp.fvvdp_display_geometry([width, height], distance_m=1.0, fov_horizontal=degrees)
     photometry = pyfvvdp.fvvdp_display_photo_eotf(Y_peak=100, contrast=1000, EOTF="sRGB")
     metric = pyfvvdp.fvvdp(display_photometry=photometry, display_geometry=geometry, foveated=True, heatmap=None)
     gaze = np.array([float(v) for v in options.gaze.split(",")]) * [width, height]
     test = np.stack(frames, axis=-1)
-    still = np.stack([reference] * len(frames), axis=-1)
+    truth = np.stack(references, axis=-1)
     score, _ = metric.predict(
-        test, still, dim_order="HWCF", frames_per_second=options.fps, fixation_point=gaze
+        test, truth, dim_order="HWCF", frames_per_second=options.fps, fixation_point=gaze
     )
     return float(score)
 
@@ -70,13 +83,18 @@ def main():
     parser.add_argument("--gaze", default="0.5,0.5", help="in 0..1 of the picture")
     parser.add_argument("--skip", type=int, default=8, help="frames left out at the start")
     options = parser.parse_args()
-    reference = picture(options.reference)
+    references = pictures(options.reference)
+    if not references:
+        parser.error(f"{options.reference}: there is no frame_*.png in it; name a picture or a folder of frames")
     for folder in options.folders:
-        frames = [picture(path) for path in sorted(glob.glob(os.path.join(folder, "frame_*.png")))]
-        frames = frames[options.skip :]
+        frames = pictures(folder)[options.skip :]
         if len(frames) < 2:
             parser.error(f"{folder}: fewer than two frames after the first {options.skip}; render more")
-        scores = jod(frames, reference, options), flicker(frames), psnr(frames, reference.astype(float))
+        truths = references * len(frames) if len(references) == 1 else references[options.skip :]
+        if len(truths) != len(frames):
+            numbers = f"{len(frames)} frames, {len(truths)} references"
+            parser.error(f"{folder}: {numbers}; give one reference, or one for each frame")
+        scores = jod(frames, truths, options), flicker(frames, truths), psnr(frames, truths)
         print(f"{folder}: {scores[0]:.2f} JOD, low-pass flicker {scores[1]:.3f}, {scores[2]:.2f} dB")
 
 

@@ -23,16 +23,19 @@ use crate::whole_file;
 pub struct Args {
     /// A scene: .gltf, .glb or .obj.
     scene: PathBuf,
-    /// Folder for report.html, report.json, points.csv, front.toml and comparison.md. A run that was
+    /// Folder for report.html, report.json, points.csv, sequences.csv, front.toml and comparison.md. A run that was
     /// interrupted goes on where it was.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// A first impression: small pictures, few points, about a minute on two cores.
+    /// A first impression: small pictures, few points, two motions, some minutes on two cores.
     #[arg(long, conflicts_with = "thorough")]
     quick: bool,
     /// More poses, gazes, passes and points: for figures that are written down.
     #[arg(long)]
     thorough: bool,
+    /// Only the given settings, and their sequences of frames: nothing is swept.
+    #[arg(long)]
+    in_motion: bool,
     /// The headset whose eyes see the pictures: dk1 or generic.
     #[arg(long, value_name = "NAME", default_value = "generic")]
     headset: String,
@@ -56,17 +59,17 @@ pub fn run(args: &Args) -> Result<()> {
     defaults.view.height = shrunk(defaults.view.height);
     // What is given is compared with a reference of as many bounces of light.
     defaults.trace.indirect = crate::config::Indirect::Paths;
-    let config = args.options.config_over(Layers::over(defaults))?.without_reuse();
+    let config = args.options.config_over(Layers::over(defaults))?;
     let profile = mock::fitted(mock::profile(&args.headset)?, &config, args.options.view.fov_y());
     whole_file::check_folder(&args.out)?;
     check_reports(&args.out)?;
     let bar = output::progress_share("measuring");
     on_interrupt(&bar, &args.out)?;
-    let (machine, loaded) = render::open(&args.scene, &config)?;
+    let (machine, loaded) = render::open_with(&config, || render::load_moving(&args.scene, &config))?;
     output::print_warnings(&loaded.warnings);
     let (rest, _) = args.options.view.viewpoint(&loaded.scene, &config)?;
     let script = Script::demo(rest, SCRIPT_SECONDS).with_reach(mock::reach(&loaded));
-    let heads = heads(&script, effort.poses(), 1.0 / profile.refresh_hz);
+    let heads = heads(&script, effort, 1.0 / profile.refresh_hz);
     let views = |head: Pose| -> Vec<View> {
         let eyes = profile.views(head);
         if config.view.stereo == Stereo::Mono { vec![eyes[0]] } else { eyes.to_vec() }
@@ -83,6 +86,8 @@ pub fn run(args: &Args) -> Result<()> {
         scene: args.scene.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         loaded: &loaded,
         config: &config,
+        rest: (rest, mock::reach(&loaded), profile.refresh_hz),
+        moves: renderer.moves(),
         views: &views,
         heads: &heads,
         traversals: &traversals,
@@ -90,6 +95,7 @@ pub fn run(args: &Args) -> Result<()> {
         drivers: machine.drivers(),
         device: format!("{}, samples {}", machine.describe(), renderer.sharing()),
         effort,
+        in_motion: args.in_motion,
     };
     let report = sweep(&subject, &mut renderer, &args.out, &|done, total| {
         bar.set_length(total);
@@ -116,13 +122,15 @@ fn on_interrupt(bar: &ProgressBar, out: &Path) -> Result<()> {
         .map_err(|e| Error::setting("Ctrl-C", format!("it cannot be listened to ({e}); start again")))
 }
 
-/// Heads along the script, each in three steps of `step` seconds.
-fn heads(script: &Script, count: usize, step: f64) -> Vec<[Pose; 3]> {
+/// Heads along the script in frames `step` seconds apart: those that are judged, one before, and their history.
+fn heads(script: &Script, effort: Effort, step: f64) -> Vec<Vec<Pose>> {
+    let count = effort.poses();
+    let frames = -1 - effort.history() as i32..=1;
     (0..count)
         .map(|i| {
             // The head is under way in both directions, never at a turning point.
             let time = SCRIPT_SECONDS * (i as f64 + 0.3) / count as f64;
-            [-1.0, 0.0, 1.0].map(|frames| script.head_at(time + frames * step))
+            frames.clone().map(|frame| script.head_at(time + f64::from(frame) * step)).collect()
         })
         .collect()
 }
@@ -159,8 +167,24 @@ fn print(report: &Report, out: &std::path::Path) -> Result<()> {
             p.title()
         ))?;
     }
+    print_sequences(report)?;
     output::print_line(&format!(
-        "{}: report.html, report.json, points.csv, front.toml, comparison.md",
+        "{}: report.html, report.json, points.csv, sequences.csv, front.toml, comparison.md",
         out.display()
     ))
+}
+
+fn print_sequences(report: &Report) -> Result<()> {
+    output::print_line("in motion: frame time, foveated score, flicker (codes of 255, low-pass)")?;
+    for s in &report.sequences {
+        output::print_line(&format!(
+            "  {:8.1} ms  {:5.2}  {:6.3}  {}, {}",
+            s.frame_ms,
+            s.foveated_score,
+            s.low_pass_flicker,
+            s.motion.name(),
+            s.name
+        ))?;
+    }
+    Ok(())
 }

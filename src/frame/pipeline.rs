@@ -249,7 +249,7 @@ impl Renderer {
             sun: self.sun,
             least_expected: self.least_expected,
             light_holds: self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused),
-            light_changes: self.day.is_some() || self.moving.as_ref().is_some_and(|moving| !moving.rests()),
+            light_changes: self.moves(),
             movers: self.state.as_ref().map_or_else(Arc::default, |state| state.movers().clone()),
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
@@ -408,6 +408,11 @@ impl Renderer {
             self.sky = Some(Arc::new(sky));
         }
         self.motion_ms += start.elapsed().as_secs_f64() * 1e3;
+    }
+
+    /// Whether [`Renderer::show_at`] shows other things at other times.
+    pub fn moves(&self) -> bool {
+        self.day.is_some() || self.moving.as_ref().is_some_and(|moving| !moving.rests())
     }
 
     /// The wearer's hands are drawn where they are from the next instant on, in scenes that were loaded with hands.

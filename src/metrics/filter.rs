@@ -13,6 +13,14 @@ pub(super) struct Plane {
 /// the value at x + i.
 pub(super) type Kernel = Vec<f32>;
 
+/// A Gaussian of a deviation in samples, up to three deviations; of none, what leaves values as they are.
+pub(super) fn gaussian(deviation: f64) -> Kernel {
+    let radius = (3.0 * deviation).ceil() as i32;
+    let weight = |i: i32| (-0.5 * (f64::from(i) / deviation.max(1e-6)).powi(2)).exp();
+    let sum: f64 = (-radius..=radius).map(weight).sum();
+    (-radius..=radius).map(|i| (weight(i) / sum) as f32).collect()
+}
+
 /// Filters along rows.
 pub(super) fn along_rows(plane: &Plane, kernel: &Kernel) -> Plane {
     let radius = kernel.len() / 2;
@@ -53,6 +61,21 @@ fn add_scaled(out: &mut [f32], values: &[f32], weight: f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_gaussian_has_its_deviation_and_keeps_the_mean() {
+        for deviation in [0.0, 0.7, 4.0] {
+            let kernel = gaussian(deviation);
+            let at = |(i, w): (usize, &f32)| (i as f64 - (kernel.len() / 2) as f64, f64::from(*w));
+            let sum: f64 = kernel.iter().map(|w| f64::from(*w)).sum();
+            let variance: f64 = kernel.iter().enumerate().map(at).map(|(x, w)| w * x * x).sum();
+            assert!((sum - 1.0).abs() < 1e-6);
+            assert!(
+                (variance.sqrt() - deviation).abs() < 0.03 * deviation.max(0.1),
+                "{deviation}: {variance}"
+            );
+        }
+    }
 
     #[test]
     fn offsets_and_edges_are_right() {

@@ -114,8 +114,14 @@ fn spread(coarse: &[f32], coarse_width: usize, scale: usize, width: usize, fine:
     });
 }
 
+/// The finest detail that is seen at an eccentricity in degrees, in cycles per degree: where even full contrast is no
+/// more than the least that is seen (Geisler and Perry 1998).
+pub fn finest_visible(eccentricity: f64) -> f64 {
+    HALF_RESOLUTION * -LEAST_CONTRAST.ln() / (DECAY * (eccentricity + HALF_RESOLUTION))
+}
+
 /// An eye before a plane picture.
-struct Eye {
+pub(super) struct Eye {
     view: View,
     gaze: DVec3,
     /// Radians of a pixel on the axis.
@@ -123,13 +129,25 @@ struct Eye {
 }
 
 impl Eye {
-    fn new(view: &View, gaze: DVec2) -> Self {
+    /// An eye that rests on `gaze`, in 0..1 of the view; on its optical centre where that is not finite.
+    pub(super) fn new(view: &View, gaze: DVec2) -> Self {
         let size = DVec2::new(f64::from(view.width), f64::from(view.height));
         let across = (view.fov.right - view.fov.left) / size.x;
         let down = (view.fov.up - view.fov.down) / size.y;
         let gaze = if gaze.is_finite() { gaze } else { view.optical_centre() };
         let gaze = view.eye_direction(gaze * size).normalize();
         Eye { view: *view, gaze, step: (across * down).sqrt() }
+    }
+
+    /// Pixels per degree on the axis.
+    pub(super) fn pixels_per_degree(&self) -> f64 {
+        1.0 / self.step.to_degrees()
+    }
+
+    /// The angle in degrees between the gaze and a point of the picture in pixels.
+    pub(super) fn eccentricity(&self, pixel: DVec2) -> f64 {
+        let direction = self.view.eye_direction(pixel).normalize();
+        direction.dot(self.gaze).clamp(-1.0, 1.0).acos().to_degrees()
     }
 
     /// The least contrast that is seen at a point of the picture, in the band of one octave that begins
@@ -140,7 +158,7 @@ impl Eye {
         // A pixel subtends cos² of its angle along the radius and cos across it.
         let degrees = (self.step * length.powf(-1.5)).to_degrees();
         let frequency = 0.25 * std::f64::consts::SQRT_2 / degrees * 0.5f64.powi(band as i32);
-        let eccentricity = (direction / length).dot(self.gaze).clamp(-1.0, 1.0).acos().to_degrees();
+        let eccentricity = self.eccentricity(pixel);
         let exponent = DECAY * frequency * (eccentricity + HALF_RESOLUTION) / HALF_RESOLUTION;
         // Above a contrast of 1 nothing is seen; the bound keeps numbers finite.
         (LEAST_CONTRAST * exponent.min(60.0).exp()).min(1e9)
@@ -255,6 +273,22 @@ mod tests {
         assert!((eye.least_contrast(DVec2::splat(64.0), 1) / expected - 1.0).abs() < 1e-9);
         let gaze_outside = Eye::new(&view, DVec2::splat(f64::NAN));
         assert!(gaze_outside.least_contrast(DVec2::ZERO, 5).is_finite());
+    }
+
+    #[test]
+    fn the_finest_visible_detail_is_where_full_contrast_is_the_least() {
+        // At 10 degrees; the gaze lies to the left of the picture.
+        let step = 0.1f64.to_radians();
+        let fov = FieldOfView { left: -64.0 * step, right: 64.0 * step, up: 64.0 * step, down: -64.0 * step };
+        let eye = Eye::new(&View { fov, ..view(60.0) }, DVec2::splat(0.5));
+        for at in [64.0, 128.0] {
+            let pixel = DVec2::new(at, 64.0);
+            let limit = finest_visible(eye.eccentricity(pixel));
+            let exponent = DECAY * limit * (eye.eccentricity(pixel) + HALF_RESOLUTION) / HALF_RESOLUTION;
+            assert!((LEAST_CONTRAST * exponent.exp() - 1.0).abs() < 1e-9);
+        }
+        assert!((eye.eccentricity(DVec2::new(128.0, 64.0)) - 6.4).abs() < 0.03);
+        assert!((finest_visible(0.0) - 39.2).abs() < 0.1);
     }
 
     #[test]

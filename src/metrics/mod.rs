@@ -8,6 +8,8 @@ pub mod metric;
 pub mod pairs;
 pub mod picture;
 pub mod stats;
+pub mod temporal;
+pub mod uncovered;
 
 pub use display::Display;
 pub use metric::{Comparison, compare};

@@ -1,5 +1,7 @@
 //! How much work a measurement may be.
 
+use super::sequence::Motion;
+
 /// How many poses, gazes, passes and repetitions, and how fine the sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -16,6 +18,11 @@ impl Effort {
     /// Head poses along the script.
     pub fn poses(self) -> usize {
         [1, 3, 6][self as usize]
+    }
+
+    /// Frames at each pose before those that are judged, which these may know of.
+    pub fn history(self) -> usize {
+        [3, 6, 8][self as usize]
     }
 
     /// Gaze points at each pose, in 0..1 of the first eye's picture.
@@ -37,6 +44,19 @@ impl Effort {
     /// Frames of each point that are timed with everything warm, besides those that are judged.
     pub fn repetitions(self) -> u32 {
         [3, 7, 15][self as usize]
+    }
+
+    /// Motions along which sequences of frames are judged.
+    pub fn motions(self) -> &'static [Motion] {
+        match self {
+            Effort::Quick => &[Motion::Rest, Motion::SlowTurn],
+            Effort::Usual | Effort::Thorough => &Motion::ALL,
+        }
+    }
+
+    /// Frames of a sequence before those that are judged, and these.
+    pub fn frames(self) -> [usize; 2] {
+        [[6, 2], [16, 4], [32, 10]][self as usize]
     }
 
     /// What the configured width and height are divided by.

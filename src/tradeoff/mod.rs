@@ -1,5 +1,5 @@
 //! What speed costs in accuracy: settings are swept over poses and gazes, judged against a reference
-//! that is rendered here, and reported.
+//! that is rendered here, and reported; some of them in sequences of frames.
 
 pub mod candidate;
 mod chart;
@@ -11,6 +11,7 @@ mod provenance;
 mod reference;
 pub mod report;
 mod rivals;
+pub mod sequence;
 mod spread;
 mod store;
 pub mod sweep;

@@ -6,6 +6,7 @@ mod tables;
 use super::chart;
 use super::report::{Point, Report};
 use super::rivals::EVERY_PIXEL;
+use super::sequence;
 
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
@@ -27,6 +28,7 @@ pub fn html(report: &Report, pictures: Pictures<'_>, reference: Option<Vec<u8>>)
         pictures::closer(report),
         tables::sliders(report),
         tables::rivals(report),
+        sequence::html(&report.sequences),
         pictures::side_by_side(report, pictures, reference),
         tables::all_points(report),
         notes(report),
@@ -57,13 +59,14 @@ fn about(report: &Report) -> String {
         (
             "pictures",
             format!(
-                "{}x{} (both eyes where there are two), {:.1} pixels per degree; {} poses, {} gazes each, {} frames each",
+                "{}x{} (both eyes where there are two), {:.1} pixels per degree; {} poses, {} gazes each, {} frames each after {} that they may know of (what others do knows of none)",
                 report.size[0],
                 report.size[1],
                 report.pixels_per_degree,
                 report.places[0],
                 report.places[1],
-                report.places[2]
+                report.places[2],
+                report.history
             ),
         ),
         (
@@ -143,7 +146,7 @@ fn data(report: &Report) -> String {
 fn notes(report: &Report) -> String {
     format!(
         "<section>\n<h2>How to read it</h2>\n<ul>\n\
-         <li><b>frame time</b>: wall time of a whole frame, both eyes, pictures as four floats a pixel, while the gaze rests, steadied by frames of the given settings before and after; a new gaze costs \"new gaze\" besides. It is coloured where the 10th to 90th percentiles of both do not overlap. \
+         <li><b>frame time</b>: wall time of a whole frame, both eyes, pictures as four floats a pixel, while the head moves and the gaze rests, steadied by frames of the given settings before and after; a new gaze costs \"new gaze\" besides. It is coloured where the 10th to 90th percentiles of both do not overlap. \
          \"At equal cost\" is within 5 % of the given settings' time; what missed that says so.\n\
          <li><b>foveated score</b>: 10 / (1 + d/4) with d the foveated difference in thresholds of contrast: luminance bands of a Laplacian pyramid, \
          thresholds by frequency and eccentricity (Geisler and Perry 1998; Wang et al. 2001), masking (Daly 1993). \

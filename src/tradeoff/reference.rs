@@ -46,9 +46,9 @@ pub struct Making<'a> {
     pub viewing: Viewing,
 }
 
-/// A sample at each pixel and nothing reconstructed.
+/// A sample at each pixel, and nothing reconstructed or known before.
 pub fn full(base: &Config, rays: u32, bounces: u32) -> Config {
-    let mut config = base.clone();
+    let mut config = base.clone().without_reuse();
     config.foveation.samples = Samples::Full;
     config.foveation.law = Law::Full;
     config.reconstruction.method = Method::KNearest;
@@ -141,6 +141,12 @@ pub fn taken(renderer: &Renderer, plan: &Plan) -> Result<Picture> {
 
 /// Pixels of both eyes that show the same point.
 pub fn matched(renderer: &mut Renderer, eyes: &[View; 2], base: &Config) -> Result<Vec<Match>> {
+    let [left, right] = [distances(renderer, &eyes[0], base)?, distances(renderer, &eyes[1], base)?];
+    Ok(matches([&eyes[0], &eyes[1]], [&left, &right]))
+}
+
+/// The distance along each pixel's ray, infinite where nothing is hit.
+pub fn distances(renderer: &mut Renderer, eye: &View, base: &Config) -> Result<Vec<f32>> {
     // Guided tracing leaves a hit for each pixel; how samples are shaded does not matter.
     let mut config = base.clone();
     config.reconstruction.method = Method::Guided;
@@ -148,17 +154,13 @@ pub fn matched(renderer: &mut Renderer, eyes: &[View; 2], base: &Config) -> Resu
     config.foveation.visibility_slope = 0.0;
     config.trace.rays = 1;
     renderer.apply(&config)?;
-    let mut distances = Vec::new();
-    for eye in eyes {
-        renderer.frame(&Plan::mono(*eye), &[], 0)?;
-        let depths = renderer.depths(0);
-        let distance = |(pixel, depth): (usize, f32)| {
-            let width = eye.width as usize;
-            let at = glam::DVec2::new((pixel % width) as f64, (pixel / width) as f64) + 0.5;
-            // Depths are along the view's axis, distances along the pixel's ray.
-            if depth > 0.0 { depth * eye.eye_direction(at).length() as f32 } else { f32::INFINITY }
-        };
-        distances.push(depths.into_iter().enumerate().map(distance).collect::<Vec<f32>>());
-    }
-    Ok(matches([&eyes[0], &eyes[1]], [&distances[0], &distances[1]]))
+    renderer.frame(&Plan::mono(*eye), &[], 0)?;
+    let depths = renderer.depths(0);
+    let distance = |(pixel, depth): (usize, f32)| {
+        let width = eye.width as usize;
+        let at = glam::DVec2::new((pixel % width) as f64, (pixel / width) as f64) + 0.5;
+        // Depths are along the view's axis, distances along the pixel's ray.
+        if depth > 0.0 { depth * eye.eye_direction(at).length() as f32 } else { f32::INFINITY }
+    };
+    Ok(depths.into_iter().enumerate().map(distance).collect())
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::provenance::Provenance;
 pub use super::reference::ReferenceError;
 use super::rivals::AT_EQUAL_COST;
+use super::sequence::{self, Sequence};
 use super::store::write_bytes;
 use super::{candidate, page, spread};
 use crate::config::OperatingPoint;
@@ -108,6 +109,9 @@ pub struct Report {
     pub pixels_per_degree: f64,
     /// Poses, gazes for each, and frames that follow each other.
     pub places: [usize; 3],
+    /// Frames that those which are judged may know of; rivals know of none.
+    #[serde(default)]
+    pub history: usize,
     /// Effort.
     pub effort: super::Effort,
     /// How far the reference may be off: the worst of its pictures.
@@ -115,6 +119,9 @@ pub struct Report {
     /// What pictures without noise lack that have fewer bounces of light; empty where only one number of
     /// bounces was measured.
     pub light_left_out: Vec<LeftOut>,
+    /// Frames that follow each other, the given settings' first in each motion.
+    #[serde(default)]
+    pub sequences: Vec<Sequence>,
     /// Everything that was measured; the given settings first.
     pub points: Vec<Point>,
 }
@@ -218,6 +225,7 @@ impl Report {
         let json = serde_json::to_vec_pretty(self).map_err(|e| Error::writing(out, &e.into()))?;
         write_bytes(&out.join("report.json"), &json)?;
         write_bytes(&out.join("points.csv"), self.csv().as_bytes())?;
+        write_bytes(&out.join("sequences.csv"), sequence::csv(&self.sequences).as_bytes())?;
         write_bytes(&out.join("front.toml"), self.front_toml()?.as_bytes())?;
         write_bytes(&out.join("comparison.md"), self.comparison().as_bytes())?;
         let html = page::html(self, picture, reference);
@@ -375,6 +383,7 @@ pub mod tests {
             size: [4, 2],
             pixels_per_degree: 2.0,
             places: [1, 2, 2],
+            history: 3,
             effort: super::super::Effort::Quick,
             reference_error: ReferenceError {
                 passes: 4,
@@ -385,6 +394,7 @@ pub mod tests {
                 flip_of_halves: 0.01,
             },
             light_left_out: Vec::new(),
+            sequences: Vec::new(),
             points,
         }
     }

@@ -35,7 +35,7 @@ const FOCUS: f64 = 0.5;
 /// Others' methods as they are usually run. Those that are named last can be made to cost what is wanted.
 pub fn rivals(base: &Config, as_published: bool) -> Vec<Candidate> {
     let rival = |name: &str, means| Candidate { name: name.to_string(), axis: RIVAL, means };
-    let mut paper = base.clone();
+    let mut paper = base.clone().without_reuse();
     paper.foveation.law = Law::default();
     paper.foveation.samples = Samples::Share(55_000.0 / 1_024_000.0);
     paper.trace.rays = 32;

@@ -30,6 +30,16 @@ impl Store {
         self.folder.join(format!("{}.{ending}", name.chars().map(plain).collect::<String>()))
     }
 
+    /// The file of a frame of a sequence, the first being 0, in a folder of its own: what other programs compare.
+    ///
+    /// # Errors
+    /// [`Error::File`] where the folder cannot be made.
+    pub fn frame(&self, name: &str, motion: &str, frame: usize) -> Result<PathBuf> {
+        let folder = self.path(&format!("sequence {name} {motion}"), "frames");
+        std::fs::create_dir_all(&folder).map_err(|e| Error::writing(&folder, &e))?;
+        Ok(folder.join(format!("frame_{frame:04}.png")))
+    }
+
     /// A part that was written; none where it is missing or not readable: then it is made anew.
     pub fn read<T: DeserializeOwned>(&self, name: &str) -> Option<T> {
         let bytes = self.bytes(name, "json")?;
@@ -65,9 +75,10 @@ impl Store {
 /// # Errors
 /// [`Error::File`] where another kind of file has one of their names, or it cannot be written.
 pub fn check_reports(out: &Path) -> Result<()> {
-    const BEGINNINGS: [(&str, &[u8]); 5] = [
+    const BEGINNINGS: [(&str, &[u8]); 6] = [
         ("report.json", b"{\n  \"scene\":"),
         ("points.csv", b"name,axis,"),
+        ("sequences.csv", b"name,motion,"),
         ("front.toml", b"# The Pareto front of "),
         ("comparison.md", b"| scene | method |"),
         ("report.html", b"<!doctype html>"),

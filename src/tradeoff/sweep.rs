@@ -1,7 +1,10 @@
 //! The sweep: references, then every candidate at every pose and gaze, each kept as soon as it is done.
 
+mod fingerprint;
 mod meter;
 mod pictures;
+mod place;
+mod sequences;
 
 use glam::DVec2;
 
@@ -11,20 +14,21 @@ use super::judge::{Judge, Scores, split};
 use super::provenance::Provenance;
 use super::reference::{Making, Reference, matched, obtain};
 use super::report::{LeftOut, Point, Report};
-use super::rivals::{AT_EQUAL_COST, Sight, adjusted, plan, rivals, shoot};
+use super::rivals::{AT_EQUAL_COST, adjusted, plan, rivals, shoot};
 use super::spread;
-use super::store::{Fingerprint, Store};
+use super::store::Store;
 use crate::config::{Config, OperatingPoint, Stereo};
 use crate::error::Result;
 use crate::frame::{FrameReport, Loaded, Renderer};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::metrics::metric::Viewing;
-use crate::metrics::pairs::Match;
 use crate::metrics::stats::{median, percentile};
 use crate::trace::Traversal;
+use fingerprint::fingerprint;
 use meter::Meter;
 use pictures::jpeg;
+use place::Place;
 
 /// What is measured.
 pub struct Subject<'a> {
@@ -34,11 +38,15 @@ pub struct Subject<'a> {
     pub loaded: &'a Loaded,
     /// The settings around which is swept.
     pub config: &'a Config,
+    /// Where the head rests, how far it may go from there in metres, and how many frames a second it sees.
+    pub rest: (Pose, f64, f64),
+    /// Whether the scene or its sky moves.
+    pub moves: bool,
     /// The eyes' views from a head's pose; one or two.
     pub views: &'a dyn Fn(Pose) -> Vec<View>,
-    /// Heads in three steps, a frame apart. The last two are judged; the first is where late pictures of the
-    /// second are traced.
-    pub heads: &'a [[Pose; 3]],
+    /// Heads a frame apart, three or more each time. The last two are judged; those before are what frames know of
+    /// earlier ones, and the last of them is where late pictures of the first that is judged are traced.
+    pub heads: &'a [Vec<Pose>],
     /// The kernels' variants that the devices do not use with the given settings.
     pub traversals: &'a [Traversal],
     /// Makes a renderer with other settings, which the kernels' variants need.
@@ -49,25 +57,8 @@ pub struct Subject<'a> {
     pub drivers: Vec<String>,
     /// How much work it may be.
     pub effort: Effort,
-}
-
-/// A pose with what it is judged by.
-struct Place {
-    /// Before the first step, and at each of both.
-    eyes: [Vec<View>; 3],
-    /// Of the first step.
-    matches: Vec<Match>,
-}
-
-impl Place {
-    /// The eyes at a step that is judged.
-    fn at(&self, step: usize) -> &[View] {
-        &self.eyes[step + 1]
-    }
-
-    fn sight(&self, step: usize, gaze: [f64; 2]) -> Sight<'_> {
-        Sight { eyes: self.at(step), before: &self.eyes[step], gaze: DVec2::from_array(gaze) }
-    }
+    /// Only the given settings are measured, and their sequences.
+    pub in_motion: bool,
 }
 
 /// Everything that stays the same for all candidates.
@@ -95,8 +86,14 @@ pub fn sweep(
 ) -> Result<Report> {
     let key = fingerprint(subject);
     let store = Store::open(out, &key)?;
-    let own = candidates(subject.config, subject.effort, subject.traversals);
-    let others = rivals(subject.config, subject.effort != Effort::Quick);
+    let (mut own, mut others) = (
+        candidates(subject.config, subject.effort, subject.traversals),
+        rivals(subject.config, subject.effort != Effort::Quick),
+    );
+    if subject.in_motion {
+        own.truncate(1);
+        others.clear();
+    }
     let mut meter = Meter::new(subject, &own, &others, progress);
     let mut bench = prepare(subject, renderer, store, &own, &mut meter)?;
 
@@ -128,7 +125,8 @@ pub fn sweep(
         };
         points.push(point);
     }
-    let mut report = bench.report(points, key)?;
+    let sequences = bench.sequences(renderer, &mut meter)?;
+    let mut report = Report { sequences, ..bench.report(points, key)? };
     report.steady();
     report.find_errors();
     report.find_costs();
@@ -145,31 +143,6 @@ pub fn sweep(
     Ok(report)
 }
 
-/// A name for all that results depend on.
-fn fingerprint(subject: &Subject<'_>) -> String {
-    let scene = &subject.loaded.scene;
-    let environment = &subject.loaded.environment;
-    let settings = format!(
-        "{} {:?} {:?} {:?} {:?} {}",
-        env!("CARGO_PKG_VERSION"),
-        subject.config,
-        subject.effort,
-        subject.heads,
-        subject.heads.iter().map(|pair| (subject.views)(pair[0])).collect::<Vec<_>>(),
-        subject.device
-    );
-    let print = scene.meshes().fold(Fingerprint::default().add(settings.as_bytes()), |print, mesh| {
-        print.add(bytemuck::cast_slice(&mesh.positions)).add(bytemuck::cast_slice(&mesh.triangles))
-    });
-    let instances = scene.instanced.as_ref().map(|instanced| &instanced.instances);
-    print
-        .add(format!("{instances:?}").as_bytes())
-        .add(format!("{:?}", scene.materials).as_bytes())
-        .add(bytemuck::cast_slice(&environment.texels))
-        .add(format!("{:?}", environment.sun).as_bytes())
-        .name()
-}
-
 /// Loads or renders the references.
 fn prepare<'a>(
     subject: &'a Subject<'a>,
@@ -182,8 +155,8 @@ fn prepare<'a>(
         .heads
         .iter()
         .map(|pair| {
-            let eyes = pair.map(|head| (subject.views)(head));
-            let matches = match eyes[1].as_slice() {
+            let eyes: Vec<Vec<View>> = pair.iter().map(|head| (subject.views)(*head)).collect();
+            let matches = match eyes[eyes.len() - 2].as_slice() {
                 [left, right] => matched(renderer, &[*left, *right], subject.config)?,
                 _ => Vec::new(),
             };
@@ -285,6 +258,7 @@ impl Bench<'_> {
             let place = &self.places[*pose];
             for &gaze in self.subject.effort.gazes() {
                 let mut pictures = Vec::new();
+                self.run_up(renderer, candidate, place, gaze)?;
                 for step in 0..2 {
                     let seed = 2 * scores.len() as u32 + step as u32 + 1;
                     let sight = place.sight(step, gaze);
@@ -304,21 +278,41 @@ impl Bench<'_> {
                     self.keep_pictures(&candidate.name, &pictures[0], references, place.at(0))?;
                 }
                 scores.push(found);
-                last = Some(place.sight(1, gaze));
+                last = Some([place.sight(1, gaze), place.sight(0, gaze)]);
             }
         }
-        if let Some(sight) = last {
+        if let Some(sights) = last {
             let mut spent = 0.0;
             for seed in 0..self.subject.effort.repetitions() {
                 if seed >= 2 && spent > REPETITIONS_MS {
                     break;
                 }
+                // To and fro: at rest a frame may send fewer rays.
+                let sight = sights[(seed as usize + 1) % 2];
                 let shot = shoot(renderer, self.subject.config, &candidate.means, sight, 1000 + seed)?;
                 spent += shot.report.frame_ms;
                 reports.push(shot.report);
             }
         }
         Ok(self.point(candidate, &reports, &scores))
+    }
+
+    /// Frames that lead to those that are judged, where these know of them.
+    fn run_up(
+        &self,
+        renderer: &mut Renderer,
+        candidate: &Candidate,
+        place: &Place,
+        gaze: [f64; 2],
+    ) -> Result<()> {
+        renderer.forget();
+        if candidate.config().is_some_and(|config| config.time.reuse) {
+            for frame in 1..place.run_up() {
+                let (sight, seed) = (place.seen(frame, gaze), 500 + frame as u32);
+                shoot(renderer, self.subject.config, &candidate.means, sight, seed)?;
+            }
+        }
+        Ok(())
     }
 
     fn point(&self, candidate: &Candidate, reports: &[FrameReport], scores: &[Scores]) -> Point {
@@ -417,9 +411,11 @@ impl Bench<'_> {
             size: [eyes.iter().map(|e| e.width).sum(), eyes[0].height],
             pixels_per_degree: self.viewing.pixels_per_degree,
             places: [self.places.len(), self.subject.effort.gazes().len(), 2],
+            history: if self.subject.config.time.reuse { self.places[0].run_up() - 1 } else { 0 },
             effort: self.subject.effort,
             reference_error: worst,
             light_left_out: self.light_left_out()?,
+            sequences: Vec::new(),
             points,
         })
     }

@@ -74,6 +74,7 @@ fn a_measurement_reports_its_points_and_goes_on_where_it_was() {
             assert!(!(faster && number(b, "foveated_score") >= number(a, "foveated_score")), "{b} beats {a}");
         }
     }
+    sequences_are_told(&found, folder.path());
     let csv = std::fs::read_to_string(folder.path().join("trade/points.csv")).unwrap();
     assert_eq!(csv.lines().count(), points.len() + 1);
     let table = std::fs::read_to_string(folder.path().join("trade/comparison.md")).unwrap();
@@ -128,6 +129,47 @@ fn a_measurement_reports_its_points_and_goes_on_where_it_was() {
     let last = report(folder.path());
     let stops = last["points"].as_array().unwrap().iter().filter(|p| p["on_front"] == true).count();
     page_works(&folder.path().join("trade/report.html"), [points.len() - 2, points.len(), stops]);
+}
+
+/// Sequences: three ways along two motions, each with pictures for other programs to compare.
+fn sequences_are_told(found: &Value, folder: &Path) {
+    let sequences = found["sequences"].as_array().unwrap();
+    let of = |motion: &str, name: &str| {
+        let same = |s: &&Value| s["motion"] == motion && s["name"] == name;
+        sequences.iter().find(same).unwrap_or_else(|| panic!("{motion}, {name}: {sequences:?}"))
+    };
+    assert_eq!(sequences.len(), 6);
+    let value = |s: &Value, key: &str| s[key].as_f64().unwrap_or_else(|| panic!("{key} of {s}"));
+    for motion in ["rest", "slow-turn"] {
+        let [reused, single, every] =
+            ["as given", "each frame for itself", "every pixel"].map(|name| of(motion, name));
+        // What earlier frames know holds pictures still and makes them better; at rest by fewer rays.
+        let rests = motion == "rest";
+        let most = if rests { 0.7 } else { 0.95 };
+        assert!(
+            value(reused, "low_pass_flicker") < most * value(single, "low_pass_flicker"),
+            "{reused} {single}"
+        );
+        assert!(value(reused, "psnr_display") > value(single, "psnr_display"), "{reused} {single}");
+        assert!(!rests || value(reused, "rays") < value(single, "rays"), "{reused} {single}");
+        assert!(value(every, "rays") > value(single, "rays"), "{every}");
+        assert!(
+            reused["disagreement"].is_number() && reused["lag"].is_null() && reused["uncovered"].is_null()
+        );
+    }
+    let csv = std::fs::read_to_string(folder.join("trade/sequences.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 7);
+    let page = std::fs::read_to_string(folder.join("trade/report.html")).unwrap();
+    assert_eq!(page.matches("<table class=\"motion\">").count(), 2);
+    let parts = folder.join("trade/parts");
+    let parts = parts.join(&names(&parts)[0]);
+    let frames: Vec<String> = names(&parts).into_iter().filter(|name| name.ends_with(".frames")).collect();
+    // With the references'.
+    assert_eq!(frames.len(), 8, "{frames:?}");
+    for name in frames {
+        let expected = if name == "sequence_reference_rest.frames" { 1 } else { 2 };
+        assert_eq!(names(&parts.join(&name)).len(), expected, "{name}");
+    }
 }
 
 /// Opens the page in a browser without network and looks at what has become of it.
@@ -352,4 +394,32 @@ fn what_cannot_be_measured_is_told() {
     assert_eq!(names(folder.path()), ["scene.glb"]);
     let run = foveate(folder.path(), "measure scene.glb --out trade --quick --thorough");
     assert_eq!(run.code, Some(2), "{run:?}");
+}
+
+#[test]
+fn sequences_are_measured_by_themselves_where_asked_and_time_passes_in_scenes_that_move() {
+    let folder = folder();
+    let day = "--set environment.day_length=20";
+    foveate(folder.path(), &format!("{MEASURE} --in-motion {day}")).succeeds();
+    let found = report(folder.path());
+    assert_eq!(found["points"].as_array().unwrap().len(), 1);
+    assert_eq!(found["points"][0]["name"], "as given");
+    // A quick run has no moving scene among its motions, others have.
+    assert_eq!(found["sequences"].as_array().unwrap().len(), 6);
+    let usual = MEASURE.replace("--quick ", "").replace("--width 64 --height 32", "--width 32 --height 16");
+    foveate(folder.path(), &format!("{usual} --in-motion {day}")).succeeds();
+    let found = report(folder.path());
+    let sequences = found["sequences"].as_array().unwrap();
+    let of = |motion: &str| sequences.iter().filter(|s| s["motion"] == motion).collect::<Vec<_>>();
+    for motion in ["rest", "slow-turn", "fast-turn", "walk", "scene"] {
+        assert_eq!(of(motion).len(), 4, "{motion}: {sequences:?}");
+    }
+    let number = |s: &Value, key: &str| s[key].as_f64().unwrap_or_else(|| panic!("{key} of {s}"));
+    // The sun goes on by 0.3 degrees a frame. What is reused may be some frames late, and nothing else is.
+    for s in of("scene") {
+        let reused = !["each frame for itself", "every pixel"].contains(&s["name"].as_str().unwrap());
+        assert_eq!(s["lag"].is_number(), reused, "{s}");
+        assert!(!reused || number(s, "lag").abs() < 16.0, "{s}");
+    }
+    assert!(of("walk").iter().all(|s| s["uncovered"].is_array()), "{sequences:?}");
 }
