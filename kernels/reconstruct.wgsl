@@ -220,16 +220,18 @@ fn sunlight(record: VisibilityRecord, visible: f32, surface: Surface, diffuse: v
     return brdf * (visible * cosine) * vec3(parameters.sun_red, parameters.sun_green, parameters.sun_blue);
 }
 
-// A pixel at an edge shows one of its neighbours' surfaces too: `share` of it.
-struct Edge {
+// A pixel at an edge shows one of its neighbours' surfaces too, and one of BLEND surfaces up to three: in fifteenths, the
+// one that lies at `step`, and those beside it and above or below it.
+struct Shares {
     step: vec2<i32>,
-    share: f32,
+    parts: vec3<u32>,
 }
 
-fn edge_of(normal: u32) -> Edge {
-    let neighbour = normal >> 24u & 7u;
+fn shares_of(record: VisibilityRecord) -> Shares {
+    let neighbour = record.normal >> 24u & 7u;
     let place = vec2<i32>(i32(neighbour + (neighbour >> 2u)));
-    return Edge(place % vec2(3, 9) / vec2(1, 3) - vec2(1), f32(normal >> 27u & 15u) / 15.0);
+    let parts = vec3(record.normal >> 27u, record.base, record.base >> 16u) & vec3(15u);
+    return Shares(place % vec2(3, 9) / vec2(1, 3) - vec2(1), parts);
 }
 
 @fragment
@@ -255,21 +257,29 @@ fn guided_with_depth(@builtin(position) position: vec4<f32>) -> PixelWithDepth {
     return PixelWithDepth(color, shown_depth(vec2<f32>(at)));
 }
 
-// The radiance of a pixel, with what its neighbour shares of it.
+// The radiance of a pixel, with what its neighbours share of it.
 fn guided_color(at: vec2<u32>) -> vec3<f32> {
     var record = visibility[place_in_band(at)];
-    let edge = edge_of(record.normal);
-    let neighbour = vec2<u32>(vec2<i32>(at) + edge.step);
+    var shares = shares_of(record);
+    let neighbour = vec2<u32>(vec2<i32>(at) + shares.step);
     // A neighbour beyond the band is not known here.
-    let shared_row = neighbour.y - parameters.first_row < parameters.rows;
-    let share = select(0.0, edge.share, shared_row);
+    let known = neighbour.y - parameters.first_row < parameters.rows;
+    shares.parts = select(vec3(0u, shares.parts.y, 0u), shares.parts, known);
+    // Where surfaces cover each other in part, all of them are seen, and each has few samples.
+    let blends = shares.parts.y + shares.parts.z > 0u;
+    var share = 15u - shares.parts.x - shares.parts.y - shares.parts.z;
+    var place = at;
     var radiance = vec3(0.0);
-    for (var i = 0u; i < select(1u, 2u, share > 0.0); i++) {
-        let own = i == 0u;
-        radiance += select(share, 1.0 - share, own) * guided_radiance(select(neighbour, at, own), record, own);
-        if own && share > 0.0 {
-            record = visibility[place_in_band(neighbour)];
+    for (var i = 0u; i < 4u; i++) {
+        if i > 0u {
+            share = shares.parts[i - 1u];
+            if share == 0u {
+                continue;
+            }
+            place = select(neighbour, at, vec2(i == 3u, i == 2u));
+            record = visibility[place_in_band(place)];
         }
+        radiance += f32(share) / 15.0 * guided_radiance(place, record, select(select(0u, STRIDE, i == 0u), 1u, blends));
     }
     return radiance;
 }
@@ -290,9 +300,9 @@ fn mirrored(record: VisibilityRecord, second: vec3<f32>, known: bool) -> vec3<f3
     return select(expected, max((expected + least) * second - least, vec3(0.0)), known);
 }
 
-// `thorough`: whether more samples are looked at where few are on the pixel's surface; a neighbour's share at an edge
-// shows no difference.
-fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, thorough: bool) -> vec3<f32> {
+// `stride`: where few samples are on the pixel's surface, each so manieth neighbour of the nearest one is looked at; none with
+// 0, as a neighbour's share at an edge shows no difference.
+fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, stride: u32) -> vec3<f32> {
     let pixel = place_in_band(at);
     let pixels = parameters.width * parameters.rows;
     let depth = record.depth;
@@ -316,10 +326,10 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, thorough: bool) -> v
         add(&light, surface, indices[slot] - parameters.first_sample, weights[slot], 0.0);
     }
     // A pixel at an edge, or on a thing too thin for samples: the nearest sample's own neighbours.
-    if thorough && light.own < ENOUGH && parameters.sample_neighbours > 1u {
+    if stride > 0u && light.own < ENOUGH && parameters.sample_neighbours > 1u {
         let own = light.own;
         let needed = 1.0 - own / ENOUGH;
-        for (var j = 0u; j < parameters.sample_neighbours; j += STRIDE) {
+        for (var j = 0u; j < parameters.sample_neighbours; j += stride) {
             let index = nearest[j * parameters.count + indices[pixel]];
             let packed = positions[index];
             let off = vec2(f32(packed & 0xffffu), f32(packed >> 16u)) - place;

@@ -262,6 +262,42 @@ static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uin
     }
     w->mask = mask;
 }
+
+// Whether the pixel of a sample that does not see the sun's centre itself has its light already: see visibility.cl.
+static bool has_sunlight(const Scene *scene, const Shading *shading, const Sample *sample, const TraversalState *w)
+{
+    if (describes_itself(&sample->surface))
+        return true;
+#if HAS_ALPHA
+    float3 sun = load3(shading->sun_direction);
+    if (shading->translucent && dot3(sample->surface.geometric, sun) > 0.0f)
+        return dimmed_light(scene, w->origin, sun, INFINITY, 0u) > 0.0f;
+#endif
+    return false;
+}
+
+// How much of the light along the n rays that were aimed at the sun comes, for each sample.
+static void find_sun(const Scene *scene, const Shading *shading, const Sample *samples, TraversalState *states, uint count, uint n,
+                     float *seen)
+{
+#if HAS_ALPHA
+    if (shading->translucent) {
+        for (uint k = 0; k < count; ++k) {
+            const TraversalState *w = &states[k];
+            seen[k] = 0.0f;
+            for (uint left = samples[k].lit ? w->mask : 0u; left; left &= left - 1u) {
+                uint i = lowest_bit(left);
+                float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
+                seen[k] += dimmed_light(scene, w->origin, d, INFINITY, w->seed) / (float)n;
+            }
+        }
+        return;
+    }
+#endif
+    occluded_streams(scene, states, count);
+    for (uint k = 0; k < count; ++k)
+        seen[k] = (float)popcount(states[k].mask & ~states[k].hits) / (float)n;
+}
 #endif
 
 // Looks at what the sample at pixel `at` sees, and prepares its walker.
@@ -369,11 +405,14 @@ static bool end_sample(const Shading *shading, Sample *sample, uint reflected, _
     float depth = sample->depth;
     uint toward[3] = {0u, 0u, 0u};
     if (shading->guided) {
+        // What has no surface that light makes brighter has none to divide by.
+        Reflection light = {0.0f, 0.0f};
 #if HAS_NORMAL_MAPS
         if (sample->mapped)
             divide_direction_out(sample, toward);
 #endif
-        Reflection light = without_colors(&sample->surface, sample->f0, sample->sum);
+        if (sample->lit)
+            light = without_colors(&sample->surface, sample->f0, sample->sum);
         first = light.diffuse;
         second = light.specular;
     } else if (sample->lit) {
@@ -417,16 +456,15 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
                 aim_at_sun(&shading, &mine[k], towards_sun, camera.seed, &states[k]);
-        occluded_streams(&scene, states, n);
+        float seen[STREAMS];
+        find_sun(&scene, &shading, mine, states, n, towards_sun, seen);
         for (uint k = 0; k < n; ++k) {
             if (!mine[k].lit)
                 continue;
             uint at = samples[mine[k].index];
-            float seen = (float)popcount(states[k].mask & ~states[k].hits) / (float)towards_sun;
-            // Pixels of some surfaces have the sun's light already: see visibility.cl.
-            seen = describes_itself(&mine[k].surface) ? 0.0f : seen;
             uint centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31;
-            mine[k].normal |= ((uint)(seen * 127.0f + 0.5f) << 1 | centre) << 24;
+            float share = centre == 0u && has_sunlight(&scene, &shading, &mine[k], &states[k]) ? 0.0f : seen[k];
+            mine[k].normal |= ((uint)(share * 127.0f + 0.5f) << 1 | centre) << 24;
             rays += towards_sun;
         }
         shading.rays -= towards_sun;

@@ -7,28 +7,51 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
 }
 
 #if HAS_GLOSSY
-// What a mirror shows of a surface that it meets, about: the sky's light on it and the sun's, as blurred as `wide` of the ray's
-// length. Asked where samples look for what surfaces send.
+// What reaches a surface about: the sky's light, and the sun's where nothing hides it.
+static float3 light_in_mirror(const Scene *scene, const Shading *shading, const Surface *s, uint seed, uint *rays)
+{
+    float3 light = glossy_radiance(scene, shading, s->normal, 1.0f) * s->occlusion;
+#if HAS_SUN
+    float3 sun = load3(shading->sun_direction);
+    float cosine = dot3(s->normal, sun);
+    if (cosine > 0.0f && dot3(s->geometric, sun) > 0.0f) {
+        ++*rays;
+        light += load3(shading->sun_radiance) * (2.0f * shading->sun_one_minus_cos * cosine * light_along(scene, shading, leave_surface(s), sun, INFINITY, seed));
+    }
+#endif
+    return light;
+}
+
+// What a mirror shows of a surface that it meets, as blurred as `wide` of the ray's length: its own light, what it scatters,
+// and of what it mirrors the sky's, or where it is a mirror itself, of what a ray from there meets. Asked where samples
+// look for what surfaces send.
 static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, float wide, uint seed,
                              uint *rays)
 {
-    Surface s = surface_at(scene, place, origin, 0.0f, d, wide * t);
-    if (s.unlit)
-        return s.emission;
-    float3 light = glossy_radiance(scene, shading, s.normal, 1.0f) * s.occlusion;
-#if HAS_SUN
-    float3 sun = load3(shading->sun_direction);
-    float cosine = dot3(s.normal, sun), far = INFINITY;
-    uint other;
-    if (cosine > 0.0f && dot3(s.geometric, sun) > 0.0f) {
-        ++*rays;
-        if (!trace_ray(scene, leave_surface(&s), 0.0f, sun, &far, &other, ANY, seed))
-            light += load3(shading->sun_radiance) * (2.0f * shading->sun_one_minus_cos * cosine);
+    float3 sum = 0.0f, throughput = 1.0f;
+    for (uint mirror = 0;; ++mirror) {
+        Surface s = surface_at(scene, place, origin, 0.0f, d, wide * t);
+        sum += throughput * s.emission;
+        if (s.unlit)
+            return sum;
+        sum += throughput * diffuse_color(&s) * light_in_mirror(scene, shading, &s, seed, rays);
+        float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
+        if (mirror == 0u && mirror_rays(s.normal, -d, s.roughness, f0) == 1u) {
+            r -= s.geometric * (2.0f * min(dot3(r, s.geometric), 0.0f));
+            float2 white = white_reflection(s.roughness, max(dot3(s.normal, -d), 1.0e-4f));
+            float3 next = leave_surface(&s);
+            ++*rays;
+            t = INFINITY;
+            if (trace_ray(scene, next, 0.0f, r, &t, &place, CLOSEST_FRONT, seed)) {
+                throughput = f0 * white.x + white.y;
+                origin = next;
+                d = r;
+                continue;
+            }
+        }
+        return sum + throughput * specular_scale(f0) *
+                         expected_reflection(scene, shading, s.normal, s.geometric, -d, r, s.roughness, f0);
     }
-#endif
-    float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
-    return s.emission + diffuse_color(&s) * light +
-           specular_scale(f0) * expected_reflection(scene, shading, s.normal, s.geometric, -d, r, s.roughness, f0);
 }
 
 // The middle of one of `count` equal shares of GGX's lobe: the same at each pixel, so that there is no noise.
@@ -73,7 +96,7 @@ static float3 expected_at(const Scene *scene, const Shading *shading, float3 ori
 }
 #endif
 
-#if HAS_LAYERS || HAS_GLASS
+#if HAS_LAYERS || HAS_GLASS || HAS_ALPHA
 // Half the sun's angular radius, by which its disc widens highlights (Karis 2013).
 #define SUN_RADIUS 0.0023f
 
@@ -235,38 +258,48 @@ static void describe_group(const Scene *scene, const Camera *camera, const Shadi
     }
 }
 
-#if HAS_LAYERS || HAS_GLASS
+#if HAS_LAYERS || HAS_GLASS || HAS_ALPHA
 // Pixels of layered surfaces and of glass, whose colours and light their records' fields do not describe: they have what their
 // samples are divided by, and the sun's light beside the emission. The sun counts as seen nowhere, so that it is
-// not added again.
-static void describe_layered(const Scene *scene, const Camera *camera, const Shading *shading, __global const HitRecord *hits,
-                             uint left, uint top, uint columns, uint lines, __global VisibilityRecord *records)
+// not added again. So do pixels of all surfaces that see it through what lets a part of its light pass.
+static void describe_apart(const Scene *scene, const Camera *camera, const Shading *shading, __global const HitRecord *hits,
+                           uint left, uint top, uint columns, uint lines, ulong dimmed, __global VisibilityRecord *records, uint *rays)
 {
     for (uint i = 0; i < columns * lines; ++i) {
         uint x = left + i % columns, y = top + i / columns, pixel = y * camera->width + x;
         HitRecord hit = hits[pixel];
         if (!IS_HIT(hit.triangle))
             continue;
+        bool is_dimmed = dimmed >> (BLOCK * (i / columns) + i % columns) & 1ul;
         uint packed = packed_of(scene, hit.triangle);
         __global const Material *material = scene->materials + TRIANGLE_MATERIAL(packed);
-        if (!(material->extras & MATERIAL_LAYERED) && !(material->transmission > 0.0f))
+        if (!is_dimmed && !(material->extras & MATERIAL_LAYERED) && !(material->transmission > 0.0f))
             continue;
         float3 d = camera_ray(camera, x, y);
         Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
                                hit.t * pixel_footprint(camera, (float2)(x, y) + 0.5f));
-        if (s.unlit || !describes_itself(&s))
+        if (s.unlit || !(is_dimmed || describes_itself(&s)))
             continue;
         VisibilityRecord record = records[pixel];
+        float sunlit = record.normal & SUN_VISIBLE ? 1.0f : 0.0f;
+#if HAS_SUN
+        if (is_dimmed) {
+            ++*rays;
+            sunlit = light_along(scene, shading, leave_surface(&s), load3(shading->sun_direction), INFINITY, 0u);
+        }
+#endif
         float3 emission = s.emission, base;
-        if (record.normal & SUN_VISIBLE)
-            emission += sunlight_on(&s, shading, -d);
+        if (sunlit > 0.0f)
+            emission += sunlit * sunlight_on(&s, shading, -d);
         record.normal &= ~SUN_VISIBLE;
         record.emission = pack_emission(emission);
-        float metallic;
-        recorded_colors(&s, &base, &metallic);
-        Words colors = {pack_bases(everywhere(base))}, surface = {pack_surfaces(everywhere(base), metallic, s.roughness)};
-        record.base = colors.lane[0];
-        record.surface = surface.lane[0];
+        if (describes_itself(&s)) {
+            float metallic;
+            recorded_colors(&s, &base, &metallic);
+            Words colors = {pack_bases(everywhere(base))}, surface = {pack_surfaces(everywhere(base), metallic, s.roughness)};
+            record.base = colors.lane[0];
+            record.surface = surface.lane[0];
+        }
         records[pixel] = record;
     }
 }
@@ -284,15 +317,15 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
     uint columns = min(camera.width - left, BLOCK), lines = min(camera.height - top, BLOCK);
     Groups groups;
     ulong background = find_groups(&scene, &camera, hits, left, top, columns, lines, &groups);
-    ulong lit = 0ul;
+    ulong lit = 0ul, dimmed = 0ul;
 #if HAS_SUN
-    lit = pixels_in_sun(&scene, &camera, load3(shading.sun_direction), &groups, left, top, &counters[0]);
+    lit = pixels_in_sun(&scene, &camera, &shading, &groups, left, top, &dimmed, &counters[0]);
 #endif
     uint rays = 0u;
     for (uint i = 0; i < groups.count; ++i)
         describe_group(&scene, &camera, &shading, &groups.facets[groups.group[i].facet], &groups.group[i], left, top, lit, records, &rays);
-#if HAS_LAYERS || HAS_GLASS
-    describe_layered(&scene, &camera, &shading, hits, left, top, columns, lines, records);
+#if HAS_LAYERS || HAS_GLASS || HAS_ALPHA
+    describe_apart(&scene, &camera, &shading, hits, left, top, columns, lines, dimmed, records, &rays);
 #endif
     if (rays)
         atomic_add(&counters[0], rays);

@@ -9,16 +9,14 @@
 static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
 
 #if HAS_SUN
-// Whether the sun's centre is seen from a surface: see sun.h.
-static bool sees_sun(const Scene *scene, const Shading *shading, const Surface *s, uint *rays)
+// How much of the sun's light comes to a surface from its centre: see sun.h.
+static float share_of_sun(const Scene *scene, const Shading *shading, const Surface *s, uint *rays)
 {
     float3 sun = load3(shading->sun_direction);
     if (!(dot3(s->geometric, sun) > 0.0f))
-        return false;
-    float far = INFINITY;
-    uint other;
+        return 0.0f;
     ++*rays;
-    return !trace_ray(scene, leave_surface(s), 0.0f, sun, &far, &other, ANY, PASS_BY_HALF);
+    return light_along(scene, shading, leave_surface(s), sun, INFINITY, 0u);
 }
 #endif
 
@@ -40,21 +38,21 @@ static VisibilityRecord describe_surface(const Scene *scene, const Camera *camer
         reflected = max(pack_emission(light), 1u);
     }
 #endif
-    bool lit = false;
+    float sunlit = 0.0f;
 #if HAS_SUN
-    lit = sees_sun(scene, shading, &s, rays);
+    sunlit = share_of_sun(scene, shading, &s, rays);
 #endif
     float3 emission = s.emission;
-#if HAS_LAYERS || HAS_GLASS
-    if (lit && !s.unlit && describes_itself(&s)) {
-        emission += sunlight_on(&s, shading, -d);
-        lit = false;
+#if HAS_LAYERS || HAS_GLASS || HAS_ALPHA
+    if (sunlit > 0.0f && !s.unlit && (sunlit < 1.0f || describes_itself(&s))) {
+        emission += sunlit * sunlight_on(&s, shading, -d);
+        sunlit = 0.0f;
     }
 #endif
     VisibilityRecord record = {
-        pack_normal24(s.smooth) | (lit ? SUN_VISIBLE : 0u),
+        pack_normal24(s.smooth) | (sunlit > 0.0f ? SUN_VISIBLE : 0u),
         view_depth(camera, d, hit.t),
-        code_of(sqrt(base.x), 65535.0f) | code_of(sqrt(base.y), 65535.0f) << 16,
+        code_of(sqrt(base.x), 4095.0f) << 4 | code_of(sqrt(base.y), 4095.0f) << 20,
         code_of(sqrt(base.z), 4095.0f) | code_of(metallic, 255.0f) << 12 | code_of(s.roughness, 4095.0f) << 20,
         max3(emission) > 0.0f ? pack_emission(emission) : 0u,
         pack_normal24(s.normal) | motion_of(scene, instance, packed),

@@ -146,7 +146,7 @@ static int8 triangles_in_beam(const Beam *b, const Leaf *l)
 // All rays have one direction: chance has to tell them apart by their origins.
 static uint chance_at(float3 origin, uint seed)
 {
-    return seed == PASS_BY_HALF ? seed : hash(seed ^ hash(as_uint(origin.x) ^ hash(as_uint(origin.y) ^ hash(as_uint(origin.z)))));
+    return seed == PASS_PARTS || seed == PASS_CLEAR ? seed : hash(seed ^ hash(as_uint(origin.x) ^ hash(as_uint(origin.y) ^ hash(as_uint(origin.z)))));
 }
 
 // One ray against one leaf from its own origin: for what rounding or alpha leaves open.

@@ -60,7 +60,7 @@ INLINED static bool intersect_triangle(const Scene *scene, uint instance, uint p
 #endif
     if (kind == ANY)
         return true;
-    if (volumes.x + volumes.y + volumes.z < 0.0f && !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED)) {
+    if (kind != PASSED && volumes.x + volumes.y + volumes.z < 0.0f && !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED)) {
         if (kind == CLOSEST_OR_BACK && *triangle == NONE)
             *triangle = BACK_MET;
         return false;

@@ -82,7 +82,7 @@ static uint8 pack_normals24(Vectors n)
 static uint8 codes(float8 v, float most) { return convert_uint8(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
 
 // As VisibilityRecord has them.
-static uint8 pack_bases(Vectors base) { return codes(sqrt(base.x), 65535.0f) | codes(sqrt(base.y), 65535.0f) << 16; }
+static uint8 pack_bases(Vectors base) { return codes(sqrt(base.x), 4095.0f) << 4 | codes(sqrt(base.y), 4095.0f) << 20; }
 
 static uint8 pack_surfaces(Vectors base, float8 metallic, float8 roughness)
 {

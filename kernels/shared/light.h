@@ -108,10 +108,8 @@ static uint add_punctual(const Scene *scene, const Shading *shading, const Surfa
         Reflection r = reflection(s, f0, view, direction);
         if (!(max3(light) > 0.0f) || dot3(s->geometric, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
             continue;
-        uint triangle;
         ++rays;
-        if (trace_ray(scene, origin, 0.0f, direction, &distance, &triangle, ANY, seed))
-            continue;
+        light *= light_along(scene, shading, origin, direction, distance, seed);
         sum->diffuse += r.diffuse * light;
         sum->specular += r.specular * light;
     }
@@ -179,15 +177,12 @@ static uint add_sun(const Scene *scene, const Shading *shading, const Surface *s
     float3 d = sample_sun(shading, (float2)(fraction(hash(seed + 8u)), fraction(hash(seed + 9u))));
     if (!(shading->sun_share > 0.0f) || dot3(s->geometric, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
         return 0;
-    float t = INFINITY;
-    uint triangle;
-    if (trace_ray(scene, leave_surface(s), 0.0f, d, &t, &triangle, ANY, seed))
-        return 1;
+    float3 light = load3(shading->sun_radiance) * light_along(scene, shading, leave_surface(s), d, INFINITY, seed);
     Reflection r = reflection(s, f0, view, d);
     Chosen chosen = {d, false, -1.0f};
     float density = sun_density(shading) + mixture_density(scene, shading, m, reflected_density(s, m, view, d), &chosen);
-    sum->diffuse += r.diffuse * load3(shading->sun_radiance) / density;
-    sum->specular += r.specular * load3(shading->sun_radiance) / density;
+    sum->diffuse += r.diffuse * light / density;
+    sum->specular += r.specular * light / density;
     return 1;
 }
 #endif

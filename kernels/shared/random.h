@@ -2,8 +2,10 @@
 // from one long sequence in the order of the samples: since neighbours in the image are neighbours
 // in that order, what a filter averages is stratified as a whole (Ahmed and Wonka 2020).
 
-// The seed with which a ray passes all that lets half of the light or more through, instead of some by chance.
-#define PASS_BY_HALF 0xfffffffeu
+// The seeds with which a ray passes all that lets some of the light through, or only what lets all of it through, instead of
+// some by chance.
+#define PASS_PARTS 0xfffffffeu
+#define PASS_CLEAR 0xfffffffdu
 
 static uint hash(uint x)
 {

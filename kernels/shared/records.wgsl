@@ -88,8 +88,8 @@ const EXPECTS = 1u;
 const DIRECTED = 2u;
 
 fn base_of(record: VisibilityRecord) -> vec3<f32> {
-    let codes = vec3(record.base & 0xffffu, record.base >> 16u, record.surface & 4095u);
-    let root = vec3<f32>(codes) * vec3(1.0 / 65535.0, 1.0 / 65535.0, 1.0 / 4095.0);
+    let codes = vec3(record.base >> 4u, record.base >> 20u, record.surface) & vec3(4095u);
+    let root = vec3<f32>(codes) * (1.0 / 4095.0);
     return root * root;
 }
 

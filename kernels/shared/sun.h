@@ -1,6 +1,6 @@
 // Which pixels see the sun's centre: with the sun's light known, that is all that its shadows need,
-// and at every pixel they are as sharp as the picture. What lets some of the light through hides the centre where that is
-// less than half; how much it is, samples know.
+// and at every pixel they are as sharp as the picture. Where something lets a part of the light through, it is
+// dimmed, and pixels bring it in their records (`describe_apart` in visibility.cl).
 //
 // Where the sun stands is known, so all that its light needs is whether a pixel sees it. That is asked for each
 // pixel, in beams: the rays of a block of pixels are parallel, so boxes and triangles are tested against the whole
@@ -33,10 +33,12 @@ static ulong origins_of_group(const Group *g, const Facet *f, float3 sun, Origin
     return facing;
 }
 
-// The pixels of a block that see the sun; adds the rays that it took to `rays`.
-static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun, const Groups *groups, uint left, uint top,
-                           __global uint *rays)
+// The pixels of a block that see the sun, and in `dimmed` those that see it through what lets a part of its light pass; adds
+// the rays that it took to `rays`.
+static ulong pixels_in_sun(const Scene *scene, const Camera *camera, const Shading *shading, const Groups *groups, uint left, uint top,
+                           ulong *dimmed, __global uint *rays)
 {
+    float3 sun = load3(shading->sun_direction);
     Origins origins;
     ulong waiting = 0ul, visible = 0ul;
     float t[BLOCK * BLOCK];
@@ -54,9 +56,12 @@ static ulong pixels_in_sun(const Scene *scene, const Camera *camera, float3 sun,
         Beam beam;
         start_beam(&beam, &origins, waiting, leader, t[leader] * pixel * BEAM_WIDTH, sun);
         waiting &= ~beam.rays;
-        visible |= beam.rays & ~trace_beam(scene, &beam, PASS_BY_HALF);
+        visible |= beam.rays & ~trace_beam(scene, &beam, PASS_PARTS);
+        if (shading->translucent)
+            *dimmed |= trace_beam(scene, &beam, PASS_CLEAR);
     }
-    return visible;
+    *dimmed &= visible;
+    return visible & ~*dimmed;
 }
 #endif
 #endif

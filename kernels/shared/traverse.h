@@ -333,11 +333,18 @@ static uint random_of_hit(uint place, float3 d, uint seed)
 #define BACK_MET 0xfffffffdu
 // As CLOSEST_FRONT, for what is seen: glass is met, where light passes it straight.
 #define SEEN 3
+// The nearest of both sides, for light on its way: what lets a part of it pass is met.
+#define PASSED 4
 
 #if HAS_ALPHA
 static float hit_alpha(const Scene *scene, uint place, uint packed, float3 weights);
 
-static bool passes_by_chance(float clear, uint seed, uint random) { return seed == PASS_BY_HALF ? clear >= 0.5f : fraction(random) < clear; }
+static bool passes_by_chance(float clear, uint seed, uint random)
+{
+    if (seed == PASS_PARTS)
+        return clear > 0.0f;
+    return seed == PASS_CLEAR ? clear >= 1.0f : fraction(random) < clear;
+}
 
 // A surface with alpha lets this ray pass: below the cutoff, or by chance where it blends.
 // Light passes glass straight, as much as it lets through along its normal.
@@ -346,14 +353,14 @@ CALLED INLINED static bool alpha_passes(const Scene *scene, uint place, uint pac
 {
 #if HAS_GLASS
     float clear = scene->materials[TRIANGLE_MATERIAL(packed)].clear;
-    if (kind != SEEN && clear > 0.0f && passes_by_chance(clear, seed, random_of_hit(place, d, seed ^ 0x68bc21ebu)))
+    if (kind != SEEN && kind != PASSED && clear > 0.0f && passes_by_chance(clear, seed, random_of_hit(place, d, seed ^ 0x68bc21ebu)))
         return true;
 #endif
     float cutoff = scene->materials[TRIANGLE_MATERIAL(packed)].alpha_cutoff;
-    if (kind == SEEN && seed == MEET_BLENDS && cutoff < 0.0f)
+    if (cutoff < 0.0f && (kind == PASSED || kind == SEEN && seed == MEET_BLENDS))
         return false;
     float alpha = hit_alpha(scene, place, packed, weights);
-    return cutoff >= 0.0f ? alpha < cutoff : !passes_by_chance(alpha, seed, random_of_hit(place, d, seed));
+    return cutoff >= 0.0f ? alpha < cutoff : passes_by_chance(1.0f - alpha, seed, random_of_hit(place, d, seed));
 }
 #endif
 
@@ -412,7 +419,7 @@ static bool intersect_leaf(const Scene *scene, const Within *within, const Leaf 
         if (kind == ANY)
             return true;
         // The volumes of a front face, counter-clockwise to the viewer, are positive.
-        if (volumes.x + volumes.y + volumes.z < 0.0f &&
+        if (kind != PASSED && volumes.x + volumes.y + volumes.z < 0.0f &&
             !(scene->triangles[place].packed & TRIANGLE_DOUBLE_SIDED)) {
             if (kind == CLOSEST_OR_BACK && *triangle == NONE)
                 *triangle = BACK_MET;

@@ -53,6 +53,7 @@ typedef struct {
     float environment_irradiance;
     uint light_nodes;
     uint emitters;
+    uint translucent;
     float sun_direction[3];
     float sun_radiance[3];
     float sun_one_minus_cos;

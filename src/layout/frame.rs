@@ -69,6 +69,8 @@ pub struct Shading {
     pub light_nodes: u32,
     /// Triangles among the emitters, which come first.
     pub emitters: u32,
+    /// 1: some surfaces let a part of the light pass, as BLEND and glass do.
+    pub translucent: u32,
     /// The sun: direction towards it.
     pub sun_direction: [f32; 3],
     /// The sun's radiance.

@@ -36,7 +36,7 @@ pub fn pack_surface(base: [f32; 3], metalness: f32, roughness: f32) -> [u32; 2] 
     let code = |v: f32, most: f32| (v.clamp(0.0, 1.0) * most + 0.5) as u32;
     let root = base.map(|c| c.max(0.0).sqrt());
     [
-        code(root[0], 65535.0) | code(root[1], 65535.0) << 16,
+        code(root[0], 4095.0) << 4 | code(root[1], 4095.0) << 20,
         code(root[2], 4095.0) | code(metalness, 255.0) << 12 | code(roughness, 4095.0) << 20,
     ]
 }
@@ -44,7 +44,7 @@ pub fn pack_surface(base: [f32; 3], metalness: f32, roughness: f32) -> [u32; 2] 
 /// Undoes [`pack_surface`]: base colour, metalness and roughness.
 pub fn unpack_surface([base, surface]: [u32; 2]) -> ([f32; 3], f32, f32) {
     let code = |bits: u32, most: u32| (bits & most) as f32 / most as f32;
-    let root = [code(base, 65535), code(base >> 16, 65535), code(surface, 4095)];
+    let root = [code(base >> 4, 4095), code(base >> 20, 4095), code(surface, 4095)];
     (root.map(|c| c * c), code(surface >> 12, 255), code(surface >> 20, 4095))
 }
 

@@ -36,13 +36,15 @@ pub struct SampleRecord {
 /// What dense visibility knows of a pixel: 28 bytes.
 pub struct VisibilityRecord {
     /// World-space normal, as in [`SampleRecord::normal`] (the map's would make neighbours on one surface
-    /// look strange to each other), in the low 24 bits. At an edge, bits 24 to 26 name one of the eight
-    /// neighbours, counted row by row, and bits 27 to 30 the part of the pixel that this neighbour's
+    /// look strange to each other), in the low 24 bits. At an edge and on BLEND surfaces, bits 24 to 26 name one of the
+    /// eight neighbours, counted row by row, and bits 27 to 30 the part of the pixel that this neighbour's
     /// surface fills, as a 4-bit unorm. Bit 31 is [`super::SUN_VISIBLE`].
     pub normal: u32,
     /// View-space depth (-z) of the hit in metres; 0 where the background is seen.
     pub depth: f32,
-    /// Base colour's red and green: 16-bit unorms of their square roots, red in the low half.
+    /// Base colour's red and green: 12-bit unorms of their square roots in the high bits of each half, red in the low one.
+    /// On BLEND surfaces the neighbour that `normal` names is one at a corner. The low four bits of the low half are the part
+    /// that the neighbour in its column and the pixel's row fills, of the high half that in its row and the pixel's column.
     pub base: u32,
     /// The root of its blue as a 12-bit unorm in the low bits, then metalness as an 8-bit and perceptual
     /// roughness as a 12-bit one, both of the nearest texel.

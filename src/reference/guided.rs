@@ -232,9 +232,8 @@ impl Guided<'_> {
 
     fn surface(&self, at: [u32; 2]) -> Surface {
         let record = self.record(at);
-        let root = [record.base & 0xffff, record.base >> 16, record.surface & 0xfff];
-        let most = [65535.0, 65535.0, 4095.0];
-        let base = DVec3::from_array([0, 1, 2].map(|c| (f64::from(root[c]) / most[c]).powi(2)));
+        let root = [record.base >> 4, record.base >> 20, record.surface];
+        let base = DVec3::from_array(root.map(|code| (f64::from(code & 0xfff) / 4095.0).powi(2)));
         let metalness = f64::from(record.surface >> 12 & 255) / 255.0;
         let depth = f64::from(record.depth);
         Surface {
@@ -285,7 +284,7 @@ impl Guided<'_> {
     }
 
     /// The radiance of what a pixel's own record describes.
-    pub fn guided_radiance(&self, prepared: &[Prepared], at: [u32; 2], thorough: bool) -> DVec3 {
+    pub fn guided_radiance(&self, prepared: &[Prepared], at: [u32; 2], stride: usize) -> DVec3 {
         let record = self.record(at);
         if record.depth.is_nan() || record.depth <= 0.0 {
             return emission(record.emission);
@@ -296,11 +295,11 @@ impl Guided<'_> {
         for (index, weight) in weights(self.positions, at, choices.k, choices.weights) {
             self.add(&mut light, &surface, index, &prepared[index], weight, 0.0);
         }
-        if thorough && light.own < ENOUGH && choices.neighbours > 1 {
+        if stride > 0 && light.own < ENOUGH && choices.neighbours > 1 {
             let needed = 1.0 - light.own / ENOUGH;
             let first = nearest(self.positions, at, 1)[0].sample;
             let around = nearest(self.positions, self.positions[first], choices.neighbours);
-            for neighbour in around.iter().step_by(STRIDE) {
+            for neighbour in around.iter().step_by(stride) {
                 let [x, y] = self.positions[neighbour.sample];
                 let squared =
                     (f64::from(x) - f64::from(at[0])).powi(2) + (f64::from(y) - f64::from(at[1])).powi(2);
@@ -360,19 +359,24 @@ impl Guided<'_> {
         brdf * sun.radiance.as_dvec3() * (sun.solid_angle() * visible * cosine)
     }
 
-    /// A pixel with what its neighbour shares of it.
+    /// A pixel with what its neighbours share of it.
     pub fn guided_color(&self, prepared: &[Prepared], at: [u32; 2]) -> DVec3 {
-        let own = self.guided_radiance(prepared, at, true);
-        let normal = self.record(at).normal;
-        let share = f64::from(normal >> 27 & 15) / 15.0;
+        let (normal, base) = (self.record(at).normal, self.record(at).base);
+        let blends = (base | base >> 16) & 15 != 0;
+        let own = self.guided_radiance(prepared, at, if blends { 1 } else { STRIDE });
         let neighbour = normal >> 24 & 7;
         let place = neighbour + u32::from(neighbour > 3);
-        let row = at[1] + place / 3;
-        if share == 0.0 || !(1..=self.view.height).contains(&row) {
-            return own;
-        }
-        let beside = [at[0] + place % 3 - 1, row - 1];
-        own.lerp(self.guided_radiance(prepared, beside, false), share)
+        let (column, row) = ((at[0] + place % 3).wrapping_sub(1), (at[1] + place / 3).wrapping_sub(1));
+        let shared = |beside: [u32; 2], code: u32| match code & 15 {
+            0 => DVec3::ZERO,
+            _ if beside[1] >= self.view.height => DVec3::ZERO,
+            code => {
+                (self.guided_radiance(prepared, beside, usize::from(blends)) - own) * (f64::from(code) / 15.0)
+            }
+        };
+        own + shared([column, row], normal >> 27)
+            + shared([column, at[1]], base)
+            + shared([at[0], row], base >> 16)
     }
 
     /// A pixel of the picture of a view whose pixels are farther apart: bilinear between these, shown from where the view

@@ -102,6 +102,11 @@ const GLOSSY_ROUGHNESS: f32 = 0.5;
 const GLOSSY_PART: f32 = 0.2;
 
 impl Material {
+    /// Whether it covers what is behind in part only, so that some of the light passes.
+    pub fn lets_light_pass(&self) -> bool {
+        self.alpha == AlphaMode::Blend || self.glass.is_some()
+    }
+
     /// Whether samples are too sparse for its reflections: a good part of it is smooth, or it is a bumpy metal. Layers and glass are not: what pixels expect is a single lobe over an opaque base.
     pub fn is_glossy(&self, textures: &[super::Texture]) -> bool {
         if self.unlit || self.layers.is_some() || self.glass.is_some() {

@@ -107,11 +107,11 @@ kernels! {
     /// Chooses among the BLEND surfaces before each pixel.
     SettleBlends = settle_blends(
         scene: SceneOf, camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, hits: &Buffer<HitRecord>,
-        alphas: &Buffer<u8>,
+        layers: &Buffer<u32>,
     );
     /// Shares them between neighbours.
     ShareBlends = share_blends(
-        camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, alphas: &Buffer<u8>,
+        camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, layers: &Buffer<u32>,
         records: &Buffer<VisibilityRecord>,
     );
     /// Describes what pixels see.

@@ -28,7 +28,7 @@ use crate::scene::Features;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 37] = [
+const FILES: [&str; 38] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -46,6 +46,7 @@ const FILES: [&str; 37] = [
     include_str!("../../kernels/shared/emitters.h"),
     include_str!("../../kernels/shared/glass.h"),
     include_str!("../../kernels/shared/glossy.h"),
+    include_str!("../../kernels/shared/shadow.h"),
     include_str!("../../kernels/shared/light.h"),
     include_str!("../../kernels/shared/cache.h"),
     include_str!("../../kernels/shared/camera.h"),

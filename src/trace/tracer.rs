@@ -91,7 +91,7 @@ pub struct Tracer {
     /// Whether surfaces may cover pixels in part.
     may_blend: bool,
     /// Alpha codes of pixels' first surfaces, where it may.
-    alphas: Buffer<u8>,
+    blends: Buffer<u32>,
 }
 
 /// Work under way: events whose times are read when the device has finished.
@@ -169,7 +169,7 @@ impl Tracer {
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
             may_blend: data.features.alpha,
-            alphas: Buffer::new(device, 1)?,
+            blends: Buffer::new(device, 1)?,
             device: device.clone(),
         })
     }
@@ -301,8 +301,8 @@ impl Tracer {
         if self.hits.len() < needed {
             self.hits = untraced(&self.device, needed)?;
         }
-        if self.may_blend && self.alphas.len() < needed {
-            self.alphas = Buffer::from_slice(&self.device, &vec![0; needed])?;
+        if self.may_blend && self.blends.len() < needed {
+            self.blends = Buffer::from_slice(&self.device, &vec![0; needed])?;
         }
         self.counters.write(&[0, 0])?;
         let camera = camera(view, self.anchor, settings);

@@ -3,7 +3,7 @@
 
 use foveate::foveation::{Law, Pattern};
 use foveate::gpu::vulkan::{Context, Format, HostBuffer, Image};
-use foveate::layout::{IS_MAPPED, SampleRecord, unpack_emission, unpack_normal24};
+use foveate::layout::{IS_MAPPED, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
 use foveate::math::pose::Pose;
 use foveate::math::spacing::{Axis, Spacing};
 use foveate::math::view::View;
@@ -14,13 +14,13 @@ use foveate::reference::guided::{Choices, Guided, directional_share};
 use foveate::reference::reconstruct::WeightKind;
 use foveate::reference::{self, Surface, TextureMode, Tracer};
 use foveate::scene::sky::Sky;
-use foveate::scene::{Environment, Material, Scene};
+use foveate::scene::{AlphaMode, Environment, Material, Scene};
 use foveate::trace::{Settings, Traversal};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, Picture, all_pixels, on_every_device, view};
 use crate::common;
-use crate::scenes::{colourful, cuboid, floor, mapped, matt, metal, scene_of, texture};
+use crate::scenes::{colourful, cuboid, floor, mapped, matt, metal, quad, scene_of, texture};
 
 const SIZE: (u32, u32) = (64, 48);
 const LEAST: f32 = 0.02;
@@ -329,6 +329,68 @@ fn samples_on_normal_maps_keep_their_radiance() {
             directed += usize::from((share - DVec3::ONE).abs().max_element() > 0.1);
         }
         assert!(checked > 1000 && directed > 500, "{checked} {directed}");
+    });
+}
+
+/// So are those of panes before each other, which cover things in part.
+#[test]
+fn guided_pictures_of_panes_are_those_of_double_precision() {
+    let Some(context) = common::vulkan() else { return };
+    on_every_device(|device| {
+        let mut scene = still_life();
+        let pane = |color: Vec3, alpha: f32| Material {
+            base_color: color.extend(alpha),
+            alpha: AlphaMode::Blend,
+            double_sided: true,
+            ..matt(1.0)
+        };
+        for (i, color) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().enumerate() {
+            scene.materials.push(pane(color, 0.3 + 0.1 * i as f32));
+            let (z, right) = (1.0 + 0.2 * i as f32, 0.2 + 0.3 * i as f32);
+            let corners = [[-0.9, 0.1], [right, 0.1], [right, 1.2], [-0.9, 1.2]];
+            let material = scene.materials.len() as u32 - 1;
+            quad(&mut scene, corners.map(|[x, y]| Vec3::new(x, y, z)), material);
+        }
+        let mut bench = Bench::new(device, &scene, &light());
+        let (picture, samples) = traced(&mut bench, &eye());
+        let shares = |record: &VisibilityRecord| [record.normal >> 27, record.base, record.base >> 16];
+        let of_three =
+            picture.visibility.iter().filter(|r| shares(r).iter().all(|code| code & 15 > 0)).count();
+        assert!(of_three > 100, "{of_three}");
+        for neighbours in [1, 24] {
+            let found = shown(&context, &eye(), &picture, &samples, neighbours, None);
+            let (count, worst) =
+                compare(&found, &right(&eye(), &picture, &samples, neighbours as usize, None));
+            println!("{neighbours} neighbours: {count} pixels off, by {worst:.3} at most");
+            assert!(count <= 12, "{neighbours}: {count} pixels are off, by up to {worst}");
+        }
+    });
+}
+
+/// A mirror that sees a second one shows what that one sees.
+#[test]
+fn mirrors_in_mirrors_show_what_stands_before_them() {
+    on_every_device(|device| {
+        let glowing = Material { unlit: true, ..metal(Vec3::new(0.9, 0.5, 0.2), 1.0) };
+        let mut scene = scene_of(vec![metal(Vec3::new(0.9, 0.9, 0.5), 0.0), glowing]);
+        floor(&mut scene, 2.0, 0.0, 0);
+        let wall = |z: f32, right: f32| {
+            [[-right, 0.0], [right, 0.0], [right, 40.0], [-right, 40.0]].map(|[x, y]| Vec3::new(x, y, z))
+        };
+        quad(&mut scene, wall(-3.0, 20.0), 0);
+        quad(&mut scene, wall(6.0, -20.0), 1);
+        let eye = view(DVec3::new(0.0, 2.0, 3.0), DVec3::ZERO, 20.0, SIZE);
+        let settings = Settings { rays: 64, guided: true, bounces: 1, ..PLAIN };
+        let picture = Bench::new(device, &scene, &colourful()).trace(&eye, &settings, &all_pixels(&eye));
+        // Of the floor's mirror, which samples are divided by.
+        let right = Vec3::new(0.9, 0.5, 0.2) * Vec3::new(0.9, 0.9, 0.5);
+        let mut checked = 0;
+        for record in picture.visibility.iter().filter(|r| r.depth > 0.0) {
+            let found = Vec3::from(unpack_emission(record.reflected));
+            assert!((found - right).abs().max_element() < 0.02, "{found} for {right}");
+            checked += 1;
+        }
+        assert!(checked > 2000, "{checked}");
     });
 }
 

@@ -1,6 +1,7 @@
 //! The OpenCL kernels against the reference in `f64`, on every OpenCL device of this machine.
 
 mod bench;
+mod blends;
 mod cache;
 mod cases;
 #[path = "../common/mod.rs"]

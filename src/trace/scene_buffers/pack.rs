@@ -13,7 +13,8 @@ use crate::error::{Error, Result};
 use crate::layout;
 use crate::scene::importance::{AliasEntry, DirectionTable};
 use crate::scene::{
-    AlphaMode, Environment, Layers, LightKind, Scene, Sun, Texture, TextureRef, emitters, texture::Wrap,
+    AlphaMode, Environment, Layers, LightKind, Material, Scene, Sun, Texture, TextureRef, emitters,
+    texture::Wrap,
 };
 use crate::trace::emitters::{PackedEmitters, lights_asked};
 
@@ -284,6 +285,7 @@ pub(super) fn shading(
     let mut shading = layout::Shading {
         lights: lights_asked(scene) as u32,
         emitters: packed.map_or(0, |packed| packed.triangles),
+        translucent: scene.materials.iter().any(Material::lets_light_pass).into(),
         lit_lower: lit[0].to_array(),
         lit_upper: lit[1].to_array(),
         light_nodes: packed.map_or(0, |packed| packed.nodes.len() as u32),

@@ -72,8 +72,8 @@ impl Tracer {
         let hits = &self.hits;
         let mut events = vec![self.trace_pixels.launch(grid, scene, camera, list, first, count, hits, seed)?];
         if blends {
-            let alphas = &self.alphas;
-            events.push(self.settle_blends.launch(grid, scene, camera, list, first, count, hits, alphas)?);
+            let layers = &self.blends;
+            events.push(self.settle_blends.launch(grid, scene, camera, list, first, count, hits, layers)?);
         }
         let counters = &self.counters;
         events.push(
@@ -99,7 +99,7 @@ impl Tracer {
     ) -> Result<Event> {
         let (first, count) = (part.tiles.start, part.tiles.len() as u32);
         let grid = self.pixels_of(part);
-        self.share_blends.launch(grid, camera, &pattern.tiles, first, count, &self.alphas, records)
+        self.share_blends.launch(grid, camera, &pattern.tiles, first, count, &self.blends, records)
     }
 
     pub(super) fn share_edges(
