@@ -208,15 +208,34 @@ fn write(
 ) -> Result<()> {
     let (width, height) = (plan.width, plan.height);
     if output == Output::Display {
-        return Display::from_rgba(width, height, pixels).write_png(&args.out);
+        return write_display(&Display::from_rgba(width, height, pixels), &args.out, &config.view);
     }
     let floats: &[f32] = bytemuck::cast_slice(pixels);
     let rgb = floats.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect();
     let picture = Picture::new(width, height, rgb)?;
     match kind {
         FileKind::Exr => picture.write_exr(&args.out),
-        FileKind::Png => Display::from_picture(&picture, stops(&picture, &config.view)).write_png(&args.out),
+        FileKind::Png => {
+            let display = Display::from_picture(&picture, stops(&picture, &config.view));
+            write_display(&display, &args.out, &config.view)
+        }
     }
+}
+
+/// sRGB codes, in 0..1, from which on colours are nearly white.
+const NEARLY_WHITE: f32 = 0.875;
+
+/// Writes a picture as a display shows it, and says what to do where nobody chose an exposure and most of it has come out
+/// white.
+fn write_display(display: &Display, out: &std::path::Path, view: &ViewConfig) -> Result<()> {
+    display.write_png(out)?;
+    let white = display.pixels.iter().filter(|pixel| pixel.iter().all(|&code| code > NEARLY_WHITE)).count();
+    if view.exposure == ExposureConfig::Stops(0.0) && 2 * white > display.pixels.len() {
+        output::print_warnings(&[
+            "most of the picture is nearly white; --exposure auto meters it, and stops below 0 show less of the light".into(),
+        ]);
+    }
+    Ok(())
 }
 
 /// The stops that a picture is shown with: its own, where they are to be metered.

@@ -296,6 +296,15 @@ fn automatic_exposure_shows_any_light_in_the_middle_of_the_range() {
             assert!(held < 5.0 || flags.contains("=12"), "{flags}: {held} beyond the limit");
         }
     }
-    let white = mean_code(&picture(blender.path(), "--look-at 0,0,0").0);
-    assert!(white > 170.0, "without it a sun of 3415 lux is white: {white}");
+    let noted = |folder: &Path, flags: &str| {
+        let run = foveate(folder, &format!("{SMALL} --out it.png {flags}"));
+        assert_eq!(run.code, Some(0), "{run:?}");
+        run.err.contains("nearly white; --exposure auto")
+    };
+    for flags in ["--look-at 0,0,0", "--look-at 0,0,0 --passes 2"] {
+        assert!(noted(blender.path(), flags), "{flags}");
+        let white = mean_code(&png(blender.path().join("it.png")));
+        assert!(white > 170.0, "without it a sun of 3415 lux is white: {white}");
+    }
+    assert!(!noted(blender.path(), "--look-at 0,0,0 --exposure auto") && !noted(plain.path(), ""));
 }
