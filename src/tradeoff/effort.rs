@@ -6,9 +6,9 @@ use super::sequence::Motion;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Effort {
-    /// About a minute on two cores with a small scene: a first impression.
+    /// Some minutes on two cores with a small scene: a first impression.
     Quick,
-    /// A quarter of an hour or more on a processor.
+    /// An hour or more on a processor.
     Usual,
     /// For figures that are written down.
     Thorough,
