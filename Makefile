@@ -84,7 +84,7 @@ bench-headset: ## Measure what a headset costs beside tracing, on Monado; ARGS="
 	cargo bench --bench headset -- $(ARGS)
 	cargo bench --bench correction
 
-trade: ## Measure what speed costs on three scenes; ARGS="--quick" takes a few minutes, else hours
+trade: ## Measure what speed costs on four scenes; ARGS="--quick" takes a few minutes, else hours
 	@$(need_cargo)
 	scripts/install-packages.sh demo
 	cargo build --release

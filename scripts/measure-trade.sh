@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Measures what speed costs in accuracy on three scenes: Sponza (from the test data), the demo scene and a
-# block town of 1,000,000 triangles. Arguments go to foveate measure, such as --quick, or
+# Measures what speed costs in accuracy on four scenes: Sponza and Khronos' water bottle, a glossy metal with a
+# normal map (both from the test data), the demo scene and a block town of 1,000,000 triangles. Arguments go to foveate measure, such as --quick, or
 # --width 640 --height 400. Reports go to out/measure/NAME; a run that was interrupted goes on.
 # For presets from these reports: cargo test --lib write_presets -- --ignored
 set -euo pipefail
@@ -23,6 +23,13 @@ if [[ -e $sponza ]]; then
     --set environment.sun_elevation=75 --set environment.sun_azimuth=10 --exposure 1
 else
   echo "not run: Sponza is not at $sponza"
+fi
+
+bottle=$data/scenes/khronos/WaterBottle/WaterBottle.gltf
+if [[ -e $bottle ]]; then
+  "$foveate" measure "$bottle" --out "$out/bottle" "$@" --set "environment.map=$data/hdri/venice.hdr"
+else
+  echo "not run: the water bottle is not at $bottle"
 fi
 
 echo
