@@ -116,9 +116,10 @@ static Quarter quarter_of(const Camera *camera, uint x, uint y, int2 step, __glo
 // shares are rounded by what `threshold` says, and shares are right in the mean.
 static uint share_code(float share, float threshold, float *sum)
 {
-    uint before = (uint)(*sum * 15.0f + threshold);
+    // Sums of shares round to a little more than 1.
+    uint before = min((uint)(*sum * 15.0f + threshold), 15u);
     *sum += share;
-    return (uint)(*sum * 15.0f + threshold) - before;
+    return min((uint)(*sum * 15.0f + threshold), 15u) - before;
 }
 #endif
 

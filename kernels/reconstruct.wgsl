@@ -300,7 +300,7 @@ fn mirrored(record: VisibilityRecord, second: vec3<f32>, known: bool) -> vec3<f3
     return select(expected, max((expected + least) * second - least, vec3(0.0)), known);
 }
 
-// `stride`: where few samples are on the pixel's surface, each so manieth neighbour of the nearest one is looked at; none with
+// `stride`: where few samples are on the pixel's surface, every `stride`-th neighbour of the nearest one is looked at; none with
 // 0, as a neighbour's share at an edge shows no difference.
 fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, stride: u32) -> vec3<f32> {
     let pixel = place_in_band(at);

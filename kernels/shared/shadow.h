@@ -2,8 +2,9 @@
 // part instead of hiding it by chance, so that single rays have shadows without noise.
 #if HAS_ALPHA
 
-// Surfaces that dim light on its way, at most; what is left behind them is decided by chance.
-#define DIMMING_LAYERS 8u
+// Surfaces that dim light on its way, at most, and the least light that is followed; chance decides what is left after that.
+#define DIMMING_LAYERS 64u
+#define LEAST_LIGHT (1.0f / 512.0f)
 
 // What a surface hides, of light along d, at a hit of a ray from `origin`; `*beyond` is where the light comes from there.
 static float hidden_at(const Scene *scene, uint triangle, float3 origin, float3 d, float3 *beyond)
@@ -27,18 +28,16 @@ CALLED static float dimmed_light(const Scene *scene, float3 origin, float3 d, fl
 {
     float left = 1.0f;
     uint triangle;
-    for (uint i = 0; i < DIMMING_LAYERS; ++i) {
+    for (uint i = 0; i < DIMMING_LAYERS && left > LEAST_LIGHT; ++i) {
         float t = t_max;
         if (!trace_ray(scene, origin, 0.0f, d, &t, &triangle, PASSED, seed))
             return left;
         float3 beyond = origin;
         left *= 1.0f - hidden_at(scene, triangle, origin, d, &beyond);
-        if (!(left > 0.0f))
-            return 0.0f;
         origin = beyond;
         t_max -= t;
     }
-    return trace_ray(scene, origin, 0.0f, d, &t_max, &triangle, ANY, seed) ? 0.0f : left;
+    return left > 0.0f && !trace_ray(scene, origin, 0.0f, d, &t_max, &triangle, ANY, seed) ? left : 0.0f;
 }
 #endif
 

@@ -33,7 +33,8 @@ pub struct Args {
     /// More poses, gazes, passes and points: for figures that are written down.
     #[arg(long)]
     thorough: bool,
-    /// Only the given settings, and their sequences of frames: nothing is swept.
+    /// Only the given settings, and their sequences of frames: nothing is swept, and files of an earlier sweep in the folder
+    /// are replaced.
     #[arg(long)]
     in_motion: bool,
     /// The headset whose eyes see the pictures: dk1 or generic.

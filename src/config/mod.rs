@@ -62,6 +62,11 @@ pub struct Config {
 }
 
 impl Config {
+    /// Whether frames know of those before: only guided ones can.
+    pub fn reuses(&self) -> bool {
+        self.time.reuse && self.reconstruction.method == Method::Guided
+    }
+
     /// The same for pictures that stand for themselves: none knows of those before.
     pub fn without_reuse(mut self) -> Config {
         self.time.reuse = false;

@@ -90,7 +90,7 @@ pub struct Tracer {
     hits: Buffer<HitRecord>,
     /// Whether surfaces may cover pixels in part.
     may_blend: bool,
-    /// Alpha codes of pixels' first surfaces, where it may.
+    /// Up to three alphas of each pixel's surfaces and which of them it shows, where it may.
     blends: Buffer<u32>,
 }
 

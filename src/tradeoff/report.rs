@@ -1,4 +1,4 @@
-//! What a measurement found: `report.json`, `points.csv`, `front.toml` and `comparison.md`.
+//! What a measurement found: `report.json`, `points.csv`, `sequences.csv`, `front.toml` and `comparison.md`.
 
 use std::path::Path;
 

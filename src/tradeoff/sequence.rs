@@ -32,7 +32,7 @@ pub struct Sequence {
     pub frames: u32,
     /// Median milliseconds of these.
     pub frame_ms: f64,
-    /// Light rays of one.
+    /// Rays of one, for pixels and for light.
     pub rays: u64,
     /// Score of the foveated difference, which knows no time.
     pub foveated_score: f64,

@@ -306,7 +306,7 @@ impl Bench<'_> {
         gaze: [f64; 2],
     ) -> Result<()> {
         renderer.forget();
-        if candidate.config().is_some_and(|config| config.time.reuse) {
+        if candidate.config().is_some_and(Config::reuses) {
             for frame in 1..place.run_up() {
                 let (sight, seed) = (place.seen(frame, gaze), 500 + frame as u32);
                 shoot(renderer, self.subject.config, &candidate.means, sight, seed)?;
@@ -411,7 +411,7 @@ impl Bench<'_> {
             size: [eyes.iter().map(|e| e.width).sum(), eyes[0].height],
             pixels_per_degree: self.viewing.pixels_per_degree,
             places: [self.places.len(), self.subject.effort.gazes().len(), 2],
-            history: if self.subject.config.time.reuse { self.places[0].run_up() - 1 } else { 0 },
+            history: if self.subject.config.reuses() { self.places[0].run_up() - 1 } else { 0 },
             effort: self.subject.effort,
             reference_error: worst,
             light_left_out: self.light_left_out()?,

@@ -15,7 +15,7 @@ pub enum Motion {
     SlowTurn,
     /// The head turns by 100 degrees a second.
     FastTurn,
-    /// The head goes aside by a metre a second, past what is near.
+    /// The head goes aside by a metre a second, past what is near; slower in scenes that are small for that.
     Walk,
     /// The head rests, and the scene or its sky moves.
     Scene,
@@ -43,7 +43,7 @@ impl Motion {
             Motion::Rest => "at rest",
             Motion::SlowTurn => "slow turn (20°/s)",
             Motion::FastTurn => "fast turn (100°/s)",
-            Motion::Walk => "walk (1 m/s)",
+            Motion::Walk => "walk (1 m/s at most)",
             Motion::Scene => "moving scene",
         }
     }

@@ -2,7 +2,7 @@
 
 use super::Sequence;
 use super::scenery::{GAZE, Scenery};
-use crate::config::{Config, Method, Stereo};
+use crate::config::{Config, Stereo};
 use crate::error::Result;
 use crate::frame::Renderer;
 use crate::math::view::View;
@@ -21,9 +21,8 @@ use crate::tradeoff::store::Store;
 /// The ways to make frames that are run along courses: as given; each frame for itself; with fewer light rays; a sample in
 /// every pixel.
 pub(in crate::tradeoff) fn names(given: &Config, effort: Effort) -> Vec<(String, Config)> {
-    let reused = given.time.reuse && given.reconstruction.method == Method::Guided;
     let mut list = vec![("as given".to_string(), given.clone())];
-    if reused {
+    if given.reuses() {
         list.push(("each frame for itself".to_string(), given.clone().without_reuse()));
         for part in if effort == Effort::Quick { &[][..] } else { &[4, 16][..] } {
             let rays = given.trace.rays / part;

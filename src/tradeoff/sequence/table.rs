@@ -40,8 +40,8 @@ pub(in crate::tradeoff) fn csv(sequences: &[Sequence]) -> String {
 pub(in crate::tradeoff) fn html(sequences: &[Sequence]) -> String {
     let Some(first) = sequences.first() else { return String::new() };
     let mut text = format!(
-        "<section>\n<h2>In motion</h2>\n<p>Frames that follow each other: {} of which the last {} are judged, each against a \
-         reference of its own. <b>Flicker</b> is the mean change of the error from frame to frame in sRGB codes of 0 to 255: after a blur of 4 pixels, \
+        "<section>\n<h2>In motion</h2>\n<p>Frames that follow each other: {} of which the last {} are judged, against references \
+         of what they should show. <b>Flicker</b> is the mean change of the error from frame to frame in sRGB codes of 0 to 255: after a blur of 4 pixels, \
          and by eccentricity (up to 5, 15, 30 degrees, and beyond) after a blur by what the eye resolves there. \
          <b>Uncovered</b> is the error of pixels that came into sight 0, 1, 2, 3 frames ago, and of all others: where the first are no higher than \
          the last, nothing is left of what stood before. <b>Lag</b> is in frames. The foveated score knows no time.</p>\n",
@@ -59,7 +59,7 @@ pub(in crate::tradeoff) fn html(sequences: &[Sequence]) -> String {
 
 fn rows(motion: Motion, sequences: &[&Sequence]) -> String {
     let mut text = format!(
-        "<table class=\"motion\">\n<thead><tr><th>{}<th>frame time (ms)<th>light rays<th>foveated score<th>PSNR as shown (dB)\
+        "<table class=\"motion\">\n<thead><tr><th>{}<th>frame time (ms)<th>rays<th>foveated score<th>PSNR as shown (dB)\
          <th>flicker<th colspan=\"{}\">by eccentricity<th colspan=\"{}\">uncovered<th>lag<th>binocular error</tr></thead>\n",
         motion.name(),
         BANDS.len(),

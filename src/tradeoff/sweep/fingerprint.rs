@@ -17,12 +17,21 @@ pub(super) fn fingerprint(subject: &Subject<'_>) -> String {
         subject.device
     );
     let print = scene.meshes().fold(Fingerprint::default().add(settings.as_bytes()), |print, mesh| {
-        print.add(bytemuck::cast_slice(&mesh.positions)).add(bytemuck::cast_slice(&mesh.triangles))
+        let print =
+            print.add(bytemuck::cast_slice(&mesh.positions)).add(bytemuck::cast_slice(&mesh.triangles));
+        let print = print.add(bytemuck::cast_slice(&mesh.normals)).add(bytemuck::cast_slice(&mesh.tangents));
+        let print = mesh.uvs.iter().fold(print, |print, uvs| print.add(bytemuck::cast_slice(uvs)));
+        print.add(bytemuck::cast_slice(&mesh.colors)).add(bytemuck::cast_slice(&mesh.materials))
+    });
+    let print = scene.textures.iter().fold(print, |print, texture| {
+        let how = (texture.width, texture.height, texture.srgb, texture.wrap, texture.nearest);
+        print.add(texture.texels.as_flattened()).add(format!("{how:?}").as_bytes())
     });
     let instances = scene.instanced.as_ref().map(|instanced| &instanced.instances);
     print
         .add(format!("{instances:?}").as_bytes())
-        .add(format!("{:?}", scene.materials).as_bytes())
+        .add(format!("{:?} {:?}", scene.materials, scene.lights).as_bytes())
+        .add(format!("{:?} {:?} {}", scene.motion, subject.rest, subject.moves).as_bytes())
         .add(bytemuck::cast_slice(&environment.texels))
         .add(format!("{:?}", environment.sun).as_bytes())
         .name()

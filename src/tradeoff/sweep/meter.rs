@@ -30,7 +30,7 @@ impl<'a> Meter<'a> {
         let eyes = (subject.views)(subject.heads[0][1]);
         let pixels: usize = eyes.iter().map(View::pixels).sum();
         let effort = subject.effort;
-        let history = if subject.config.time.reuse { effort.history() } else { 0 };
+        let history = if subject.config.reuses() { effort.history() } else { 0 };
         let places = subject.heads.len() * effort.gazes().len();
         let shots = (places * (2 + history)) as u32 + effort.repetitions();
         let mut meter = Meter {

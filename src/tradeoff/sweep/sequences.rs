@@ -27,7 +27,6 @@ impl Bench<'_> {
             let work = meter.pass;
             let mut tick = |made: bool| if made { meter.add(work) } else { meter.skip(work) };
             let scenery = prepare(renderer, course, subject.views, &making, &self.store, &mut tick)?;
-            let mut prompt = None;
             for (name, config) in &ways {
                 let part = format!("sequence {name} {}", motion.key());
                 let work = meter.frames(config, frames);
@@ -38,13 +37,14 @@ impl Bench<'_> {
                     }
                     None => {
                         let viewing = self.viewing;
-                        if motion == Motion::Scene && config.time.reuse && prompt.is_none() {
-                            let alone = config.clone().without_reuse();
-                            prompt = Some(run(renderer, &alone, &scenery, viewing)?);
-                        }
                         let frames = run(renderer, config, &scenery, viewing)?;
-                        let prompt = prompt.as_ref().filter(|_| config.time.reuse);
-                        let sequence = judge(name, &frames, prompt, &scenery, viewing, &self.store)?;
+                        let prompt = match motion {
+                            Motion::Scene if config.reuses() => {
+                                Some(run(renderer, &config.clone().without_reuse(), &scenery, viewing)?)
+                            }
+                            _ => None,
+                        };
+                        let sequence = judge(name, &frames, prompt.as_ref(), &scenery, viewing, &self.store)?;
                         self.store.write(&part, &sequence)?;
                         meter.add(work);
                         sequence
