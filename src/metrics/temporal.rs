@@ -56,22 +56,23 @@ pub fn flicker_by_eccentricity(
     })
 }
 
-/// How many frames pictures lag behind others that know of no earlier frame and are as wrong otherwise: the part of the
-/// references' change from frame to frame that they lack on average beside those, by least squares over pixels, after a
-/// blur of [`LOW_PASS`] pixels; all in the order of time. None where references do not change. Where they change by
-/// little more than their noise, less is found than there is.
+/// How many frames pictures lag behind their references, whose time went forwards for `tests` and backwards for `back`: so
+/// late pictures are off from each other by twice the lag times the references' change from frame to frame, and
+/// whatever else is wrong with them is in both. By least squares over pixels, after a blur of [`LOW_PASS`] pixels; all in
+/// the order of the references' time. None where these do not change. Where they change by little more than their noise,
+/// less is found than there is.
 ///
 /// # Panics
 /// If numbers or sizes differ.
-pub fn lag(tests: &[&Display], prompt: &[&Display], references: &[&Display]) -> Option<f64> {
-    assert_eq!([tests.len(), prompt.len()], [references.len(); 2], "as many of each");
+pub fn lag(tests: &[&Display], back: &[&Display], references: &[&Display]) -> Option<f64> {
+    assert_eq!([tests.len(), back.len()], [references.len(); 2], "as many of each");
     let [first, .., last] = references else { return None };
     let width = first.width as usize;
     let step = 1.0 / (references.len() - 1) as f32;
     let change = soft(&difference(last, first), width, LOW_PASS);
     let mut missing = vec![[0.0f32; 3]; first.pixels.len()];
-    for (test, prompt) in tests.iter().zip(prompt) {
-        let error = difference(prompt, test);
+    for (test, back) in tests.iter().zip(back) {
+        let error = difference(back, test);
         missing.iter_mut().zip(error).for_each(|(sum, e)| (0..3).for_each(|c| sum[c] += e[c]));
     }
     let missing = soft(&missing, width, LOW_PASS);
@@ -81,7 +82,7 @@ pub fn lag(tests: &[&Display], prompt: &[&Display], references: &[&Display]) -> 
         products += missing * change;
         squares += change * change;
     }
-    (squares > 0.0).then(|| products / squares)
+    (squares > 0.0).then(|| 0.5 * products / squares)
 }
 
 /// How the error changes at each pixel and channel.
@@ -188,9 +189,9 @@ mod tests {
     fn a_picture_two_frames_old_lags_by_two() {
         // Light that grows by as much in each frame.
         let frames: Vec<Display> =
-            (0..8).map(|i| picture(|x, _| 0.1 + 0.01 * i as f32 * (x as f32 / 64.0))).collect();
-        let references: Vec<&Display> = frames[2..].iter().collect();
-        // Both are wrong in the same way.
+            (0..10).map(|i| picture(|x, _| 0.1 + 0.01 * i as f32 * (x as f32 / 64.0))).collect();
+        let references: Vec<&Display> = frames[2..8].iter().collect();
+        // Wrong in both directions alike.
         let wrong = |frame: &Display| Display {
             pixels: frame
                 .pixels
@@ -201,10 +202,9 @@ mod tests {
             ..frame.clone()
         };
         let wrong: Vec<Display> = frames.iter().map(wrong).collect();
-        let prompt: Vec<&Display> = wrong[2..].iter().collect();
         let lagging = |by: usize| {
-            let tests: Vec<&Display> = wrong[2 - by..8 - by].iter().collect();
-            lag(&tests, &prompt, &references).unwrap()
+            let shown = |first: usize| wrong[first..first + 6].iter().collect::<Vec<&Display>>();
+            lag(&shown(2 - by), &shown(2 + by), &references).unwrap()
         };
         for by in 0..3 {
             assert!((lagging(by) - by as f64).abs() < 1e-3, "{by}: {}", lagging(by));

@@ -44,8 +44,7 @@ pub struct Sequence {
     pub flicker_by_eccentricity: [Option<f64>; BANDS.len()],
     /// [`crate::metrics::uncovered::error_by_age`] in the first eye's picture; absent where nothing is uncovered.
     pub uncovered: Option<[Option<f64>; AGES + 1]>,
-    /// [`crate::metrics::temporal::lag`] behind the same without reuse, frames; absent where the scene stands still or
-    /// nothing is reused.
+    /// [`crate::metrics::temporal::lag`], frames; absent where the scene stands still or nothing is reused.
     pub lag: Option<f64>,
     /// Difference of both eyes' errors in sRGB codes of 0..1; absent for one eye.
     pub disagreement: Option<f64>,

@@ -45,19 +45,23 @@ pub(in crate::tradeoff) struct Run {
     rays: u64,
 }
 
-/// Renders a course's frames.
+/// Renders a course's frames, or as many through whose last ones the scene's time goes backwards.
 pub(in crate::tradeoff) fn run(
     renderer: &mut Renderer,
     config: &Config,
     scenery: &Scenery,
     viewing: Viewing,
+    backwards: bool,
 ) -> Result<Run> {
     let course = &scenery.course;
     renderer.apply(config)?;
     renderer.forget();
     let mut run = Run { pictures: Vec::new(), displays: Vec::new(), times: Vec::new(), rays: 0 };
+    let judged = course.judged();
     for (frame, eyes) in scenery.eyes.iter().enumerate() {
-        renderer.show_at(course.times[frame]);
+        let time = course.times[frame];
+        let mirrored = course.times[judged.start] + course.times[judged.end - 1] - time;
+        renderer.show_at(if backwards { mirrored } else { time });
         let plan = plan(eyes, config.view.stereo)?;
         let report = renderer.frame(&plan, &plan.gaze_points(GAZE), frame as u32)?;
         if frame >= course.history {
@@ -71,12 +75,12 @@ pub(in crate::tradeoff) fn run(
     Ok(run)
 }
 
-/// Judges a run, whose pictures (of the first eye) are kept beside the store. `prompt` is one of the same course whose
-/// frames know of no earlier one, for those that may lag.
+/// Judges a run, whose pictures (of the first eye) are kept beside the store. `back` is the same backwards, for those that
+/// may lag.
 pub(in crate::tradeoff) fn judge(
     name: &str,
     run: &Run,
-    prompt: Option<&Run>,
+    back: Option<&Run>,
     scenery: &Scenery,
     viewing: Viewing,
     store: &Store,
@@ -101,7 +105,7 @@ pub(in crate::tradeoff) fn judge(
         low_pass_flicker: mean(judged.pairs().map(|(tests, truths)| low_pass_flicker(tests, truths))),
         flicker_by_eccentricity: judged.flicker_by_eccentricity(),
         uncovered: judged.uncovered(),
-        lag: prompt.and_then(|prompt| judged.lag(prompt)),
+        lag: back.and_then(|back| judged.lag(back)),
         disagreement: judged.disagreement(),
     })
 }
@@ -162,9 +166,9 @@ impl Judged<'_> {
         Some(means(&list))
     }
 
-    fn lag(&self, prompt: &Run) -> Option<f64> {
+    fn lag(&self, back: &Run) -> Option<f64> {
         let truths: Vec<&Display> = (0..self.shown.len()).map(|i| self.truth(i)).collect();
-        lag(&self.shown, &prompt.displays.iter().collect::<Vec<_>>(), &truths)
+        lag(&self.shown, &back.displays.iter().rev().collect::<Vec<_>>(), &truths)
     }
 
     fn disagreement(&self) -> Option<f64> {

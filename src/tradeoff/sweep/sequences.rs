@@ -37,14 +37,14 @@ impl Bench<'_> {
                     }
                     None => {
                         let viewing = self.viewing;
-                        let frames = run(renderer, config, &scenery, viewing)?;
-                        let prompt = match motion {
+                        let frames = run(renderer, config, &scenery, viewing, false)?;
+                        let back = match motion {
                             Motion::Scene if config.reuses() => {
-                                Some(run(renderer, &config.clone().without_reuse(), &scenery, viewing)?)
+                                Some(run(renderer, config, &scenery, viewing, true)?)
                             }
                             _ => None,
                         };
-                        let sequence = judge(name, &frames, prompt.as_ref(), &scenery, viewing, &self.store)?;
+                        let sequence = judge(name, &frames, back.as_ref(), &scenery, viewing, &self.store)?;
                         self.store.write(&part, &sequence)?;
                         meter.add(work);
                         sequence
