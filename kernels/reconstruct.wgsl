@@ -270,7 +270,9 @@ fn guided_color(at: vec2<u32>) -> vec3<f32> {
     var share = 15u - shares.parts.x - shares.parts.y - shares.parts.z;
     var place = at;
     var radiance = vec3(0.0);
-    for (var i = 0u; i < 4u; i++) {
+    // No more turns than pixels beside each other need, since all of them wait for those that take most.
+    let surfaces = select(select(1u, 2u, shares.parts.x > 0u), 4u, blends);
+    for (var i = 0u; i < surfaces; i++) {
         if i > 0u {
             share = shares.parts[i - 1u];
             if share == 0u {

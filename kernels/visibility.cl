@@ -22,15 +22,17 @@ static float3 light_in_mirror(const Scene *scene, const Shading *shading, const 
     return light;
 }
 
-// What a mirror shows of a surface that it meets, as blurred as `wide` of the ray's length: its own light, what it scatters,
+// What a mirror shows of a surface that it meets, as blurred as `wide` of the rays' length: its own light, what it scatters,
 // and of what it mirrors the sky's, or where it is a mirror itself, of what a ray from there meets. Asked where samples
 // look for what surfaces send.
 static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, float wide, uint seed,
                              uint *rays)
 {
     float3 sum = 0.0f, throughput = 1.0f;
+    float length = 0.0f;
     for (uint mirror = 0;; ++mirror) {
-        Surface s = surface_at(scene, place, origin, 0.0f, d, wide * t);
+        length += t;
+        Surface s = surface_at(scene, place, origin, 0.0f, d, wide * length);
         sum += throughput * s.emission;
         if (s.unlit)
             return sum;

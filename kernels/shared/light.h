@@ -177,7 +177,10 @@ static uint add_sun(const Scene *scene, const Shading *shading, const Surface *s
     float3 d = sample_sun(shading, (float2)(fraction(hash(seed + 8u)), fraction(hash(seed + 9u))));
     if (!(shading->sun_share > 0.0f) || dot3(s->geometric, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
         return 0;
-    float3 light = load3(shading->sun_radiance) * light_along(scene, shading, leave_surface(s), d, INFINITY, seed);
+    float coming = light_along(scene, shading, leave_surface(s), d, INFINITY, seed);
+    if (!(coming > 0.0f))
+        return 1;
+    float3 light = load3(shading->sun_radiance) * coming;
     Reflection r = reflection(s, f0, view, d);
     Chosen chosen = {d, false, -1.0f};
     float density = sun_density(shading) + mixture_density(scene, shading, m, reflected_density(s, m, view, d), &chosen);

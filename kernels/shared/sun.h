@@ -57,7 +57,7 @@ static ulong pixels_in_sun(const Scene *scene, const Camera *camera, const Shadi
         start_beam(&beam, &origins, waiting, leader, t[leader] * pixel * BEAM_WIDTH, sun);
         waiting &= ~beam.rays;
         visible |= beam.rays & ~trace_beam(scene, &beam, PASS_PARTS);
-        if (shading->translucent)
+        if (shading->translucent && visible & beam.rays)
             *dimmed |= trace_beam(scene, &beam, PASS_CLEAR);
     }
     *dimmed &= visible;

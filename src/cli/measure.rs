@@ -138,9 +138,12 @@ fn heads(script: &Script, effort: Effort, step: f64) -> Vec<Vec<Pose>> {
 
 fn print(report: &Report, out: &std::path::Path) -> Result<()> {
     output::print_line(&format!(
-        "{}: {} points at {}x{}, {} places; the reference is within {:.1} dB",
+        "{}: {} at {}x{}, {} places; the reference is within {:.1} dB",
         report.scene,
-        report.points.len(),
+        match report.points.len() {
+            1 => "1 point".to_string(),
+            points => format!("{points} points"),
+        },
         report.size[0],
         report.size[1],
         report.places.iter().product::<usize>(),
@@ -152,6 +155,19 @@ fn print(report: &Report, out: &std::path::Path) -> Result<()> {
             "  {:8.1} ms  {:5.2}  {:5.1} dB  {:.4}  {}",
             p.frame_ms, p.foveated_score, p.psnr, p.flip, p.name
         ))?;
+    }
+    print_rivals(report)?;
+    print_sequences(report)?;
+    output::print_line(&format!(
+        "{}: report.html, report.json, points.csv, sequences.csv, front.toml, comparison.md",
+        out.display()
+    ))
+}
+
+/// What others' methods reach at the cost of the given settings, where they were measured.
+fn print_rivals(report: &Report) -> Result<()> {
+    if report.at_equal_cost().next().is_none() {
+        return Ok(());
     }
     let given = &report.points[0];
     output::print_line(&format!(
@@ -168,11 +184,7 @@ fn print(report: &Report, out: &std::path::Path) -> Result<()> {
             p.title()
         ))?;
     }
-    print_sequences(report)?;
-    output::print_line(&format!(
-        "{}: report.html, report.json, points.csv, sequences.csv, front.toml, comparison.md",
-        out.display()
-    ))
+    Ok(())
 }
 
 fn print_sequences(report: &Report) -> Result<()> {

@@ -225,8 +225,8 @@ fn write(
 /// sRGB codes, in 0..1, from which on colours are nearly white.
 const NEARLY_WHITE: f32 = 0.875;
 
-/// Writes a picture as a display shows it, and says what to do where nobody chose an exposure and most of it has come out
-/// white.
+/// Writes a picture as a display shows it, and says what to do where most of it comes out white at an exposure of no stops,
+/// the default.
 fn write_display(display: &Display, out: &std::path::Path, view: &ViewConfig) -> Result<()> {
     display.write_png(out)?;
     let white = display.pixels.iter().filter(|pixel| pixel.iter().all(|&code| code > NEARLY_WHITE)).count();

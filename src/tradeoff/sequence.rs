@@ -1,8 +1,9 @@
 //! Pictures that follow each other: what earlier frames are worth, at rest and in motion.
 //!
-//! The sweep judges frames one by one. An eye sees more than any one of them shows: noise that boils, ghosts of what stood before, light that lags. So some ways to make frames are run
-//! along motions ([`Motion`]), and the last frames of each are compared with references of their own. Frames are
-//! judged at each display beat, however long they take here.
+//! The sweep judges frames one by one. An eye sees more than any one of them shows: noise that boils, ghosts of what
+//! stood before, light that lags. So some variants of the settings are run along motions ([`Motion`]), and the last
+//! frames of each are compared with references of their own. Frames are judged at each display beat, however long they
+//! take here.
 
 mod course;
 mod measured;
@@ -10,7 +11,7 @@ mod scenery;
 mod table;
 
 pub use course::{Course, Motion};
-pub(super) use measured::{judge, names, run};
+pub(super) use measured::{judge, run, variants};
 pub(super) use scenery::prepare;
 pub(super) use table::{csv, html};
 

@@ -18,9 +18,9 @@ use crate::tradeoff::reference::{full, taken};
 use crate::tradeoff::rivals::{EVERY_PIXEL, plan};
 use crate::tradeoff::store::Store;
 
-/// The ways to make frames that are run along courses: as given; each frame for itself; with fewer light rays; a sample in
+/// Variants of the settings that are run along courses: as given; each frame for itself; with fewer light rays; a sample in
 /// every pixel.
-pub(in crate::tradeoff) fn names(given: &Config, effort: Effort) -> Vec<(String, Config)> {
+pub(in crate::tradeoff) fn variants(given: &Config, effort: Effort) -> Vec<(String, Config)> {
     let mut list = vec![("as given".to_string(), given.clone())];
     if given.reuses() {
         list.push(("each frame for itself".to_string(), given.clone().without_reuse()));
@@ -203,14 +203,14 @@ mod tests {
 
     #[test]
     fn what_is_run_along_courses_differs() {
-        let list = names(&Config::default(), Effort::Usual);
+        let list = variants(&Config::default(), Effort::Usual);
         assert_eq!(list.len(), 5, "{:?}", list.iter().map(|(name, _)| name).collect::<Vec<_>>());
         for (i, (_, config)) in list.iter().enumerate() {
             assert!(list[..i].iter().all(|(_, other)| other != config));
         }
         assert!(list[0].1.time.reuse && !list[1].1.time.reuse);
         // Without reuse each frame stands for itself anyway.
-        assert_eq!(names(&Config::default().without_reuse(), Effort::Usual).len(), 2);
+        assert_eq!(variants(&Config::default().without_reuse(), Effort::Usual).len(), 2);
     }
 
     #[test]

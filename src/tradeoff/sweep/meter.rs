@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::math::view::View;
 use crate::tradeoff::candidate::{Candidate, Means};
 use crate::tradeoff::rivals::AT_EQUAL_COST;
-use crate::tradeoff::sequence::{Motion, names};
+use crate::tradeoff::sequence::{Motion, variants};
 
 /// Work that is expected and done, in rays: a pixel that is looked at costs about four.
 pub(super) struct Meter<'a> {
@@ -48,12 +48,13 @@ impl<'a> Meter<'a> {
         bounces.dedup();
         let references = 2 * (subject.heads.len() + bounces.len() - 1) as u64;
         meter.total = references * u64::from(effort.passes()) * meter.pass;
-        let ways = names(subject.config, effort);
+        let variants = variants(subject.config, effort);
         let [history, judged] = effort.frames();
         for motion in motions(subject) {
             let references = if motion == Motion::Rest { 1 } else { judged as u64 };
             meter.total += references * u64::from(effort.passes()) * meter.pass;
-            meter.total += ways.iter().map(|(_, way)| meter.frames(way, history + judged)).sum::<u64>();
+            meter.total +=
+                variants.iter().map(|(_, config)| meter.frames(config, history + judged)).sum::<u64>();
         }
         meter.total += own.iter().chain(others).map(|c| meter.cost(c)).sum::<u64>();
         meter

@@ -5,10 +5,10 @@ use super::meter::Meter;
 use crate::error::Result;
 use crate::frame::Renderer;
 use crate::tradeoff::reference::Making;
-use crate::tradeoff::sequence::{Course, Motion, Sequence, judge, names, prepare, run};
+use crate::tradeoff::sequence::{Course, Motion, Sequence, judge, prepare, run, variants};
 
 impl Bench<'_> {
-    /// Runs all ways along all motions, or what is left of that since a run before.
+    /// Runs all variants along all motions, or what is left of that since a run before.
     pub(super) fn sequences(&self, renderer: &mut Renderer, meter: &mut Meter<'_>) -> Result<Vec<Sequence>> {
         let subject = self.subject;
         let making = Making {
@@ -18,7 +18,7 @@ impl Bench<'_> {
             bounces: subject.config.trace.bounces,
             viewing: self.viewing,
         };
-        let ways = names(subject.config, subject.effort);
+        let variants = variants(subject.config, subject.effort);
         let mut list = Vec::new();
         for motion in motions(subject) {
             let (rest, reach, hz) = subject.rest;
@@ -27,7 +27,7 @@ impl Bench<'_> {
             let work = meter.pass;
             let mut tick = |made: bool| if made { meter.add(work) } else { meter.skip(work) };
             let scenery = prepare(renderer, course, subject.views, &making, &self.store, &mut tick)?;
-            for (name, config) in &ways {
+            for (name, config) in &variants {
                 let part = format!("sequence {name} {}", motion.key());
                 let work = meter.frames(config, frames);
                 let sequence = match self.store.read(&part) {
