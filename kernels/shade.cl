@@ -74,7 +74,7 @@ static void aim_ray(const Scene *scene, const Shading *shading, Sample *sample, 
     if (!aim_at_emitter(scene, shading, s, w->origin, descent, choice, (float2)(fraction(u.x), fraction(u.y)), &aim))
         return;
     float3 d = aim.direction;
-    if (!(dot3(s->normal, d) > 0.0f) || !(dot3(s->geometric, d) > 0.0f))
+    if (!(dot3(s->normal, d) > 0.0f) || !(dot3(s->horizon, d) > 0.0f))
         return;
     float density = sample->mixture.emitters * aim.density;
     if (!aim.is_punctual)
@@ -132,7 +132,7 @@ static void aim_stream(const Scene *scene, const Shading *shading, Sample *sampl
         Chosen chosen = sample_mixture(scene, shading, s, &sample->mixture, sample->view, select, u);
         float3 light = chosen.light;
         float cosine = dot3(s->normal, light);
-        if (!(dot3(s->geometric, light) > 0.0f))
+        if (!(dot3(s->horizon, light) > 0.0f))
             continue;
 #if HAS_NORMAL_MAPS
         // Neighbours' normals may face what this one does not.
@@ -255,7 +255,7 @@ static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uin
     for (uint i = 0; i < n; ++i) {
         uint2 u = sobol(sample->index * n + i, seed ^ 0x51ed270bu);
         float3 d = sample_sun(shading, (float2)(fraction(u.x), fraction(u.y)));
-        if (!(dot3(sample->surface.geometric, d) > 0.0f))
+        if (!(dot3(sample->surface.horizon, d) > 0.0f))
             continue;
         set_ray(&w->rays, i, d, INFINITY);
         mask |= 1u << i;
@@ -270,7 +270,7 @@ static bool has_sunlight(const Scene *scene, const Shading *shading, const Sampl
         return true;
 #if HAS_ALPHA
     float3 sun = load3(shading->sun_direction);
-    if (shading->translucent && dot3(sample->surface.geometric, sun) > 0.0f)
+    if (shading->translucent && dot3(sample->surface.horizon, sun) > 0.0f)
         return dimmed_light(scene, w->origin, sun, INFINITY, 0u) > 0.0f;
 #endif
     return false;

@@ -14,7 +14,7 @@ static float3 light_in_mirror(const Scene *scene, const Shading *shading, const 
 #if HAS_SUN
     float3 sun = load3(shading->sun_direction);
     float cosine = dot3(s->normal, sun);
-    if (cosine > 0.0f && dot3(s->geometric, sun) > 0.0f) {
+    if (cosine > 0.0f && dot3(s->horizon, sun) > 0.0f) {
         ++*rays;
         light += load3(shading->sun_radiance) * (2.0f * shading->sun_one_minus_cos * cosine * light_along(scene, shading, leave_surface(s), sun, INFINITY, seed));
     }
@@ -39,7 +39,7 @@ static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 
         sum += throughput * diffuse_color(&s) * light_in_mirror(scene, shading, &s, seed, rays);
         float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
         if (mirror == 0u && mirror_rays(s.normal, -d, s.roughness, f0) == 1u) {
-            r -= s.geometric * (2.0f * min(dot3(r, s.geometric), 0.0f));
+            r -= s.horizon * (2.0f * min(dot3(r, s.horizon), 0.0f));
             float2 white = white_reflection(s.roughness, max(dot3(s.normal, -d), 1.0e-4f));
             float3 next = leave_surface(&s);
             ++*rays;
@@ -52,7 +52,7 @@ static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 
             }
         }
         return sum + throughput * specular_scale(f0) *
-                         expected_reflection(scene, shading, s.normal, s.geometric, -d, r, s.roughness, f0);
+                         expected_reflection(scene, shading, s.normal, s.horizon, -d, r, s.roughness, f0);
     }
 }
 
@@ -184,8 +184,8 @@ static uint8 pack_emissions(Vectors emission)
 static uint8 expected_of_group(const Scene *scene, const Shading *shading, const Facet *f, const Group *g, Vectors normals,
                                Vectors base, float8 metallic, float8 roughness, uint seed, uint *rays)
 {
-    Vectors at = mix_vectors(f->corners[0], f->corners[1], f->corners[2], g->weights);
-    Lanes x = {at.x}, y = {at.y}, z = {at.z}, nx = {normals.x}, ny = {normals.y}, nz = {normals.z};
+    Bend bend = bend_of(f);
+    Lanes wx = {g->weights.x}, wy = {g->weights.y}, wz = {g->weights.z}, nx = {normals.x}, ny = {normals.y}, nz = {normals.z};
     Lanes dx = {g->d.x}, dy = {g->d.y}, dz = {g->d.z}, red = {base.x}, green = {base.y}, blue = {base.z};
     Lanes metal = {clamp(metallic, 0.0f, 1.0f)}, rough = {clamp(roughness, 0.0f, 1.0f)};
     Lanes open = {(float8)1.0f};
@@ -197,10 +197,15 @@ static uint8 expected_of_group(const Scene *scene, const Shading *shading, const
     Words packed = {(uint8)0u};
     for (uint i = 0; i < g->places.count; ++i) {
         float3 d = (float3)(dx.lane[i], dy.lane[i], dz.lane[i]), n = (float3)(nx.lane[i], ny.lane[i], nz.lane[i]);
-        float3 front = dot3(f->geometric, d) > 0.0f ? -f->geometric : f->geometric;
+        float side = dot3(f->geometric, d) > 0.0f ? -1.0f : 1.0f;
+        float3 w = (float3)(wx.lane[i], wy.lane[i], wz.lane[i]), front = f->geometric * side, horizon = front;
+        float3 origin = f->corners[0] * w.x + f->corners[1] * w.y + f->corners[2] * w.z + front * f->offset;
+        if (bend.bent & (side < 0.0f ? 2u : 1u)) {
+            origin += front * rise_over(f, &bend, w, side);
+            horizon = unit_or(f->normals[0] * w.x + f->normals[1] * w.y + f->normals[2] * w.z, f->geometric) * side;
+        }
         float3 f0 = mix((float3)(0.04f), (float3)(red.lane[i], green.lane[i], blue.lane[i]), metal.lane[i]);
-        float3 origin = (float3)(x.lane[i], y.lane[i], z.lane[i]) + front * f->offset;
-        float3 light = expected_at(scene, shading, origin, n, front, d, rough.lane[i], f0, open.lane[i], seed, rays);
+        float3 light = expected_at(scene, shading, origin, n, horizon, d, rough.lane[i], f0, open.lane[i], seed, rays);
         packed.lane[i] = max(pack_emission(light), 1u);
     }
     return packed.vector;

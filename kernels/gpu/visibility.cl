@@ -13,7 +13,7 @@ static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * 
 static float share_of_sun(const Scene *scene, const Shading *shading, const Surface *s, uint *rays)
 {
     float3 sun = load3(shading->sun_direction);
-    if (!(dot3(s->geometric, sun) > 0.0f))
+    if (!(dot3(s->horizon, sun) > 0.0f))
         return 0.0f;
     ++*rays;
     return light_along(scene, shading, leave_surface(s), sun, INFINITY, 0u);
@@ -33,7 +33,7 @@ static VisibilityRecord describe_surface(const Scene *scene, const Camera *camer
 #if HAS_GLOSSY
     if (scene->materials[TRIANGLE_MATERIAL(packed)].glossy && scene->glossy) {
         float3 f0 = mix((float3)(0.04f), recorded_base(s.base), s.metallic);
-        float3 light = expected_at(scene, shading, leave_surface(&s), s.normal, s.geometric, d, s.roughness, f0, s.occlusion,
+        float3 light = expected_at(scene, shading, leave_surface(&s), s.normal, s.horizon, d, s.roughness, f0, s.occlusion,
                                    camera->seed, rays);
         reflected = max(pack_emission(light), 1u);
     }

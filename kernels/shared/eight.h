@@ -56,6 +56,16 @@ static Vectors weights_of_hits(const Facet *f, Vectors d)
     return choose(everywhere((float3)(1.0f / 3.0f)), (Vectors){weights[0], weights[1], weights[2]}, known);
 }
 
+// As `rise_over`; `side` is 1 or -1.
+static float8 rises_over(const Facet *f, const Bend *bend, Vectors w, float8 side)
+{
+    const float *h = bend->heights;
+    Vectors below = {max(-side * fma(w.y, (float8)h[0], w.z * h[1]), 0.0f), max(-side * fma(w.z, (float8)h[2], w.x * h[3]), 0.0f),
+                     max(-side * fma(w.x, (float8)h[4], w.y * h[5]), 0.0f)};
+    float along[3] = {dot3(f->normals[0], f->geometric), dot3(f->normals[1], f->geometric), dot3(f->normals[2], f->geometric)};
+    return max(mix_values(along[0], along[1], along[2], (Vectors){below.x * w.x, below.y * w.y, below.z * w.z}), 0.0f);
+}
+
 // As `face_viewer`.
 static Vectors face_viewers(Vectors n, Vectors d, float3 geometric)
 {

@@ -106,7 +106,7 @@ static uint add_punctual(const Scene *scene, const Shading *shading, const Surfa
         float distance;
         float3 light = punctual(shading, scene->lights + i, s->position, &direction, &distance);
         Reflection r = reflection(s, f0, view, direction);
-        if (!(max3(light) > 0.0f) || dot3(s->geometric, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
+        if (!(max3(light) > 0.0f) || dot3(s->horizon, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
             continue;
         ++rays;
         light *= light_along(scene, shading, origin, direction, distance, seed);
@@ -128,7 +128,7 @@ static uint add_emitter(const Scene *scene, const Shading *shading, const Surfac
     if (shading->light_nodes == 0u || !aim_at_emitter(scene, shading, s, origin, &descent, fraction(hash(seed + 7u)), u, &aim))
         return 0;
     float3 d = aim.direction;
-    if (dot3(s->geometric, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
+    if (dot3(s->horizon, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
         return 0;
     Reflection r = reflection(s, f0, view, d);
     float t = aim.distance;
@@ -175,7 +175,7 @@ static uint add_sun(const Scene *scene, const Shading *shading, const Surface *s
                     uint seed, Reflection *sum)
 {
     float3 d = sample_sun(shading, (float2)(fraction(hash(seed + 8u)), fraction(hash(seed + 9u))));
-    if (!(shading->sun_share > 0.0f) || dot3(s->geometric, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
+    if (!(shading->sun_share > 0.0f) || dot3(s->horizon, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
         return 0;
     float coming = light_along(scene, shading, leave_surface(s), d, INFINITY, seed);
     if (!(coming > 0.0f))
@@ -222,7 +222,7 @@ CALLED static void take_step(const Scene *scene, const Shading *shading, const S
     float3 light = chosen.light;
     float density = mixture_density(scene, shading, &m, reflected_density(s, &m, view, light), &chosen);
     Reflection r = reflection(s, f0, view, light);
-    if (!(density > 0.0f) || dot3(s->geometric, light) <= 0.0f)
+    if (!(density > 0.0f) || dot3(s->horizon, light) <= 0.0f)
         return;
     float3 weight = (base * r.diffuse + specular_scale(f0) * r.specular) / density;
     ++*rays;

@@ -19,10 +19,18 @@
 // Where a group's rays to the sun start, and which of its pixels face it.
 static ulong origins_of_group(const Group *g, const Facet *f, float3 sun, Origins *origins)
 {
-    Vectors n = choose(everywhere(f->geometric), everywhere(-f->geometric), dots_with(g->d, f->geometric) > 0.0f);
+    float8 side = select((float8)1.0f, (float8)-1.0f, dots_with(g->d, f->geometric) > 0.0f);
+    Vectors n = scaled(everywhere(f->geometric), side), horizon = n;
     Vectors at = mix_vectors(f->corners[0], f->corners[1], f->corners[2], g->weights);
-    Lanes x = {fma(n.x, (float8)f->offset, at.x)}, y = {fma(n.y, (float8)f->offset, at.y)}, z = {fma(n.z, (float8)f->offset, at.z)};
-    ulong lit = lanes_of(dots_with(n, sun) > 0.0f), facing = 0ul;
+    Bend bend = bend_of(f);
+    float8 offset = f->offset;
+    if (bend.bent) {
+        offset += rises_over(f, &bend, g->weights, side);
+        Vectors smooth = scaled(mix_vectors(f->normals[0], f->normals[1], f->normals[2], g->weights), side);
+        horizon = choose(n, smooth, ((int)bend.bent & select((int8)1, (int8)2, side < 0.0f)) != 0);
+    }
+    Lanes x = {fma(n.x, offset, at.x)}, y = {fma(n.y, offset, at.y)}, z = {fma(n.z, offset, at.z)};
+    ulong lit = lanes_of(dots_with(horizon, sun) > 0.0f), facing = 0ul;
     for (uint i = 0; lit && i < g->places.count; ++i) {
         uint place = g->places.place[i];
         ((float *)origins->x)[place] = x.lane[i];

@@ -11,7 +11,9 @@ typedef struct {
     float roughness;
     float occlusion;      // of environment light: 1 none
     float alpha;          // GGX alpha
+    float3 horizon;       // unit normal of the side that light comes from
     float offset;         // how far rays start from the surface, metres
+    float rise;           // how much farther on the viewer's side: see `rise_over`
     bool unlit;
 #if HAS_GLASS
     // What glass.h reads: how much passes it, its index, whether it has an inside, which absorbs so much a metre, and
@@ -149,6 +151,43 @@ static float3 hit_weights(const Facet *f, float3 d)
     b = clamp(b, least, rest - least);
     float c = rest - b;
     return steady == 0u ? (float3)(a, b, c) : steady == 1u ? (float3)(c, a, b) : (float3)(b, c, a);
+}
+
+// How a facet's corners lie to the planes through each other across their normals: for each corner the heights of the next two
+// over its plane. `bent`: on which sides the surface that the normals describe lies over the facet, 1 the front, 2 the back.
+typedef struct {
+    float heights[6];
+    uint bent;
+} Bend;
+
+// Sine of the angle that a triangle's edge makes with a corner's plane below which it counts as lying in it.
+#define LEAST_BEND 1.0e-3f
+
+static Bend bend_of(const Facet *f)
+{
+    Bend bend;
+    bend.bent = 0u;
+    for (uint i = 0; i < 6u; ++i) {
+        uint from = i / 2u, to = (from + 1u + i % 2u) % 3u;
+        float3 edge = f->corners[to] - f->corners[from];
+        float height = dot3(edge, f->normals[from]);
+        bool counts = height * height > LEAST_BEND * LEAST_BEND * dot3(edge, edge);
+        bend.heights[i] = counts ? height : 0.0f;
+        bend.bent |= counts ? height < 0.0f ? 1u : 2u : 0u;
+    }
+    return bend;
+}
+
+// How high the surface that the corners' normals describe rises over a point of a facet, with weights w, on its front (`side`
+// 1) or back (-1): how far the point is below each corner's plane, by the corner's weight (Hanika 2021; here along the
+// triangle's normal alone, so that nothing beside it is passed). Rays from there are not hidden by the neighbours of a triangle
+// of a round surface, so that its shadow begins where its normals say.
+static float rise_over(const Facet *f, const Bend *bend, float3 w, float side)
+{
+    const float *h = bend->heights;
+    float3 below = max(-side * (float3)(w.y * h[0] + w.z * h[1], w.z * h[2] + w.x * h[3], w.x * h[4] + w.y * h[5]), 0.0f);
+    float3 along = (float3)(dot3(f->normals[0], f->geometric), dot3(f->normals[1], f->geometric), dot3(f->normals[2], f->geometric));
+    return max(dot3(below * w, along), 0.0f);
 }
 
 #if HAS_TEXTURES
@@ -436,7 +475,15 @@ CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, 
         s.emission = s.base;
         s.base = 0.0f;
     }
-    s.geometric = dot3(f.geometric, d) > 0.0f ? -f.geometric : f.geometric;
+    bool behind = dot3(f.geometric, d) > 0.0f;
+    s.geometric = behind ? -f.geometric : f.geometric;
+    Bend bend = bend_of(&f);
+    s.rise = 0.0f;
+    s.horizon = s.geometric;
+    if (bend.bent & (behind ? 2u : 1u)) {
+        s.rise = rise_over(&f, &bend, spot.weights, behind ? -1.0f : 1.0f);
+        s.horizon = smooth_normal(&spot) * (behind ? -1.0f : 1.0f);
+    }
     s.smooth = face_viewer(smooth_normal(&spot), d, f.geometric);
     s.normal = face_viewer(n, d, f.geometric);
     s.metallic = clamp(s.metallic, 0.0f, 1.0f);
@@ -452,4 +499,4 @@ CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, 
 }
 
 // Where rays that leave the surface start: off it by the rounding of everything that led there.
-static float3 leave_surface(const Surface *s) { return s->position + s->geometric * s->offset; }
+static float3 leave_surface(const Surface *s) { return s->position + s->geometric * (s->offset + s->rise); }

@@ -10,6 +10,9 @@
 //! - Back hits of double-sided surfaces reverse the whole normal, normal map included. A shading normal n
 //!   whose cosine c with the direction v towards the viewer is below 0.01 is bent towards the viewer:
 //!   n + (0.01 - c) v, normalised. Light arrives only from directions above both the geometric surface (on the viewer's side) and the shading normal.
+//! - Where the corners' normals describe a surface that is round on the viewer's side, rays leave from as high above the
+//!   triangle as that surface is about ([`surface`]), and light arrives from above the interpolated normal: the triangles
+//!   of one surface do not shadow each other where it is lit.
 //! - The BRDF is glTF 2.0's metallic-roughness model, see [`brdf`], with what extensions add, see [`layers`]. An unlit surface shows its base colour
 //!   and nothing else. What is seen through glass is in [`radiance::glass`]. Emission is added at every surface that a camera or bounce ray meets.
 //! - Light is the environment map (dimmed by the occlusion texture), the sun's disc and the punctual

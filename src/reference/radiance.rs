@@ -234,7 +234,7 @@ impl<'a> Renderer<'a> {
     fn emitted_arriving(&self, surface: &Surface, [a, b, c]: [DVec3; 3], at: [f64; 2]) -> DVec3 {
         let root = at[0].sqrt();
         let point = a + (b - a) * (root * (1.0 - at[1])) + (c - a) * (root * at[1]);
-        let offset = point - surface.position;
+        let offset = point - surface.spawn(DVec3::ZERO).origin;
         let direction = offset.normalize_or_zero();
         let ray = surface.spawn(direction);
         let Some(hit) = self.tracer.closest(&ray, f64::INFINITY) else { return DVec3::ZERO };

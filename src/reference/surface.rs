@@ -11,6 +11,10 @@ use crate::scene::{Layers, Scene, TextureRef};
 /// than the positions' own `f32` rounding, and far above that of `f64`.
 const LIFT: f64 = 1.0 / (1u64 << 36) as f64;
 
+/// Sine of the angle between a triangle's edge and the plane across the normal of one of its corners below which the edge
+/// counts as lying in it.
+const LEAST_BEND: f64 = 1e-3;
+
 /// The least cosine between a shading normal and the direction towards the viewer.
 const LEAST_FACING: f64 = 0.01;
 
@@ -21,6 +25,8 @@ pub struct Surface {
     pub position: DVec3,
     /// Unit normal of the triangle on the viewer's side.
     pub geometric_normal: DVec3,
+    /// Unit normal of the side that light comes from: the triangle's, or the interpolated one where rays start above it.
+    pub horizon: DVec3,
     /// Unit shading normal, normal map included.
     pub normal: DVec3,
     /// Unit direction towards the viewer.
@@ -44,6 +50,8 @@ pub struct Surface {
     /// What glass is.
     pub glass: Option<SurfaceGlass>,
     lift: f64,
+    /// How much higher rays start on the viewer's side.
+    rise: f64,
 }
 
 /// A surface that light passes.
@@ -85,9 +93,18 @@ impl Surface {
             let [roughness, metallic] = [metallic_roughness.y, metallic_roughness.z];
             (f64::from(material.metallic) * metallic, f64::from(material.roughness) * roughness)
         };
+        let normals = vertex_normals(scene, hit).map(|n| n.map(|n| n * side));
+        let rise = normals.and_then(|normals| rise_over(hit, corners, normals, geometric * side));
         let surface = Surface {
             position: interpolate(hit, corners),
             geometric_normal: geometric * side,
+            horizon: match (rise, normals) {
+                (Some(_), Some(normals)) => {
+                    interpolate(hit, normals).try_normalize().unwrap_or(geometric * side)
+                }
+                _ => geometric * side,
+            },
+            rise: rise.unwrap_or_default(),
             normal: facing(
                 mapped(scene, hit, geometric, mode, &material.normal_texture, material.normal_scale) * side,
                 view,
@@ -173,7 +190,7 @@ impl Surface {
 
     /// A ray that leaves the surface on the viewer's side.
     pub fn spawn(&self, direction: DVec3) -> Ray {
-        Ray { origin: self.position + self.geometric_normal * self.lift, direction }
+        Ray { origin: self.position + self.geometric_normal * (self.lift + self.rise), direction }
     }
 
     /// The same, not transmissive.
@@ -186,9 +203,9 @@ impl Surface {
         Ray { origin: self.position - self.geometric_normal * self.lift, direction }
     }
 
-    /// Whether light from a unit direction can arrive: it is above the triangle and the shading normal.
+    /// Whether light from a unit direction can arrive: it is above the surface's horizon and the shading normal.
     pub fn faces(&self, direction: DVec3) -> bool {
-        self.geometric_normal.dot(direction) > 0.0 && self.normal.dot(direction) > 0.0
+        self.horizon.dot(direction) > 0.0 && self.normal.dot(direction) > 0.0
     }
 }
 
@@ -218,6 +235,32 @@ fn lookup(scene: &Scene, hit: &Hit, reference: &TextureRef, mode: TextureMode) -
     };
     let uv = reference.matrix.as_dmat2() * uv + reference.offset.as_dvec2();
     texture::sample(&scene.textures[reference.texture as usize], uv, mode)
+}
+
+fn vertex_normals(scene: &Scene, hit: &Hit) -> Option<[DVec3; 3]> {
+    let normals = &scene.mesh.normals;
+    (!normals.is_empty()).then(|| vertices(scene, hit).map(|v| normals[v].as_dvec3()))
+}
+
+/// How high the surface that the normals of a triangle's corners describe rises over a hit, where it is round and lies above the
+/// triangle somewhere: how far the hit is below the plane across each corner's normal, by the corner's weight (Hanika, "Hacking
+/// the shadow terminator", 2021; here along the triangle's own normal alone). All normals are those on the hit's side.
+fn rise_over(hit: &Hit, corners: [DVec3; 3], normals: [DVec3; 3], geometric: DVec3) -> Option<f64> {
+    let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
+    let (mut rise, mut is_round) = (0.0, false);
+    for from in 0..3 {
+        let mut height = 0.0;
+        for to in (0..3).filter(|&to| to != from) {
+            let edge = corners[to] - corners[from];
+            let over = edge.dot(normals[from]);
+            if over.abs() > LEAST_BEND * edge.length() {
+                height += weights[to] * over;
+                is_round |= over < 0.0;
+            }
+        }
+        rise += normals[from].dot(geometric) * weights[from] * (-height).max(0.0);
+    }
+    is_round.then_some(rise.max(0.0))
 }
 
 /// The unit normal on the triangle's front: interpolated, then bent by a normal map, if there is one, in the frame

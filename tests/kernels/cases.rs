@@ -7,7 +7,9 @@ use glam::{DVec3, Vec3, Vec4};
 
 use crate::bench::view;
 use crate::radiance::{Case, assert_all_agree};
-use crate::scenes::{colourful, cuboid, floor, mapped, matt, metal, quad, scene_of, sky, texture};
+use crate::scenes::{
+    colourful, cuboid, floor, mapped, matt, metal, quad, round_ball, scene_of, sky, texture,
+};
 
 /// A floor with a block on it.
 fn stage(ground: Material, block: Material) -> Scene {
@@ -236,6 +238,27 @@ fn suns() {
             case("sun of 1e9", 12.0, Material { roughness: 0.3, ..matt(0.5) }, sun(0.27, 1e9)),
             case("sun in a mirror", 1.0, metal(Vec3::ONE, 0.0), sun(0.27, 1e4)),
             case("small sun on gloss", 4.0, Material { roughness: 0.15, ..matt(0.1) }, sun(0.03, 1e6)),
+        ]
+    });
+}
+
+/// A round thing of few triangles: rays leave it from where its normals describe it.
+#[test]
+fn round_things() {
+    assert_all_agree(|| {
+        let round = |material| {
+            let mut scene = round_ball(1, material);
+            floor(&mut scene, 6.0, -0.6, 0);
+            scene
+        };
+        let sunny = || Sky { sun_elevation_deg: 20.0, sun_azimuth_deg: 90.0, ..Sky::default() }.bake();
+        let mut lit = round(matt(0.6));
+        lit.lights = lights();
+        vec![
+            Case::new("round, under sky and sun", round(matt(0.6)), sunny()),
+            Case { bounces: 1, ..Case::new("round, one bounce", round(matt(0.6)), colourful()) },
+            Case::new("round and glossy", round(metal(Vec3::new(1.0, 0.7, 0.3), 0.3)), colourful()),
+            Case::new("round, punctual lights", lit, dark()),
         ]
     });
 }

@@ -19,5 +19,6 @@ mod repairs;
 mod scenes;
 mod shown;
 mod stages;
+mod terminator;
 mod trees;
 mod watertight;

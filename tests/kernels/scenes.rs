@@ -130,6 +130,14 @@ pub fn sphere(levels: u32, centre: Vec3, radius: f32, material: Material) -> Sce
     scene
 }
 
+/// The same ball seen from outside, whose corners' normals are its own: few triangles that are shown as a round surface.
+pub fn round_ball(levels: u32, material: Material) -> Scene {
+    let mut scene = sphere(levels, Vec3::ZERO, 1.0, material);
+    scene.mesh.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
+    scene.mesh.normals = scene.mesh.positions.iter().map(|p| p.normalize()).collect();
+    scene
+}
+
 fn cut([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
     let [ab, bc, ca] = [a + b, b + c, c + a].map(DVec3::normalize);
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]

@@ -319,3 +319,53 @@ fn estimate_knows_its_error() {
     assert_eq!(Estimate::of([DVec3::ONE]).standard_error.x, f64::INFINITY);
     assert_eq!(Estimate::of([]).samples, 0);
 }
+
+/// A ball of few triangles with a ball's normals: where these face a light it is seen, and nowhere else; rays start on the
+/// ball's side of its triangles, by no more than the ball is higher, twice.
+#[test]
+fn round_things_do_not_shadow_themselves() {
+    let (rings, columns) = (6u32, 9u32);
+    let mut scene = scene_of(rough(0.5, 0.0));
+    for ring in 0..=rings {
+        for column in 0..columns {
+            let (theta, phi) =
+                (PI * f64::from(ring) / f64::from(rings), TAU * f64::from(column) / f64::from(columns));
+            let across = if ring == 0 || ring == rings { 0.0 } else { theta.sin() };
+            let p = DVec3::new(across * phi.cos(), theta.cos(), across * phi.sin());
+            scene.mesh.positions.push(p.as_vec3() * 2.0);
+            scene.mesh.normals.push(p.as_vec3());
+        }
+    }
+    for ring in 0..rings {
+        for column in 0..columns {
+            let at = |ring: u32, column: u32| ring * columns + column % columns;
+            let [a, b, c, d] = [(0, 0), (0, 1), (1, 1), (1, 0)].map(|(r, k)| at(ring + r, column + k));
+            let upper = (ring > 0).then_some([a, b, c]);
+            let lower = (ring + 1 < rings).then_some([a, c, d]);
+            scene.mesh.triangles.extend(upper.into_iter().chain(lower));
+        }
+    }
+    scene.mesh.materials = vec![0; scene.mesh.triangles.len()];
+    let tracer = Tracer::new(&scene);
+    let mut random = Random::new(5);
+    let (mut lit, mut hidden, mut below) = (0, 0, 0);
+    for _ in 0..20_000 {
+        let on_sphere = |random: &mut Random| crate::reference::testing::on_sphere(random);
+        let (from, direction) = (on_sphere(&mut random) * 5.0, on_sphere(&mut random));
+        let ray = Ray { origin: from, direction: -from.normalize() };
+        let hit = tracer.closest(&ray, f64::INFINITY).expect("towards the middle");
+        let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
+        let rises = (surface.spawn(direction).origin - surface.position).length();
+        let lower = 2.0 - surface.position.length();
+        assert!(rises < 2.0 * lower + 1e-6, "{rises} over what is {lower} lower");
+        if surface.horizon.dot(direction) > 0.01 {
+            lit += 1;
+            below += usize::from(surface.geometric_normal.dot(direction) < 0.0);
+            hidden += usize::from(tracer.occluded(&surface.spawn(direction), f64::INFINITY));
+        } else if surface.horizon.dot(direction) < 0.0 {
+            assert!(!surface.faces(direction));
+        }
+    }
+    assert!(below > 100, "{below} directions from below their triangle");
+    assert!(lit > 9000 && hidden * 1000 < lit, "{hidden} of {lit} are hidden");
+}
