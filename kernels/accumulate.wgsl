@@ -63,8 +63,8 @@ struct History {
     fast: f32,
     slow: f32,
     variance: f32,
-    // How much of the sun's disc is seen, 0 to 1.
-    sun: f32,
+    // How far what hides a part of the sun's disc is, as SampleRecord has it; 0 where that was never known.
+    half_shadow: f32,
     padding: vec2<f32>,
 }
 
@@ -118,6 +118,8 @@ const FEW = 5.0;
 const OTHER_SIDE = 0.02;
 // Share of what was found on the same side from which on it counts in full: a shadow has come or gone where there is less.
 const ENOUGH_ON_SIDE = 0.25;
+// Share of what was found that must have known of a half-shadow.
+const FEW_HALF_SHADOWS = 0.01;
 // Square of a distance in pixels below which samples count as at the same place.
 const SAME_PLACE = 0.01;
 
@@ -233,6 +235,7 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
     }
     let pixels = source.size.x * source.size.y;
     var same_sum = 0.0;
+    var known_sum = 0.0;
     var sum = 0.0;
     for (var slot = pixel_of(source, at); slot < source.size.z * pixels; slot += pixels) {
         let index = last_indices[slot];
@@ -255,8 +258,10 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         found.history.slow += weight * history.slow;
         found.history.variance += weight * history.variance;
         let same_side = select(0.0, near, is_same_side);
-        found.history.sun += same_side * history.sun;
         same_sum += same_side;
+        let known = select(0.0, near, history.half_shadow > 0.0);
+        found.history.half_shadow += known * history.half_shadow;
+        known_sum += known;
         sum += near;
         found.weight += weight;
         found.agreement = max(found.agreement, agree);
@@ -275,7 +280,7 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
     found.history.fast *= scale;
     found.history.slow *= scale;
     found.history.variance *= scale;
-    found.history.sun = select(-1.0, found.history.sun / same_sum, same_sum > 0.0);
+    found.history.half_shadow = select(0.0, found.history.half_shadow / known_sum, known_sum > FEW_HALF_SHADOWS * sum);
     return found;
 }
 
@@ -421,7 +426,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let lent_specular = lent.weight * alike_reflection(here.point, across, roughness);
 
     let value = brightness_around(id.x, here, sun_centre);
-    var history = History(0.0, 0.0, value.x, value.x, 0.0, -1.0, vec2(0.0));
+    var history = History(0.0, 0.0, value.x, value.x, 0.0, 0.0, vec2(0.0));
     if found.weight > 0.0 {
         history = followed(found.history, value, longest);
         let kept = select(1.0, kept_in_motion(found.history, value), (seen.mapped & SURFACE_MOVES) != 0u);
@@ -430,14 +435,17 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let diffuse_age = min(history.diffuse_age + 1.0 + lent.weight, longest);
     let specular_age = min(history.specular_age + 1.0 + lent_specular, longest);
-    let own_sun = f32(second.w >> 25u) / 127.0;
+    // What has just been found counts as light does; what has not is kept as long as light is.
+    let own_shadow = f32(second.w >> 25u);
+    let kept_shadow = select(0.0, history.half_shadow, history.diffuse_age > 0.0);
+    let mixed_shadow = mix(kept_shadow, own_shadow, 1.0 / diffuse_age);
+    let shadow = select(max(own_shadow, kept_shadow), mixed_shadow, own_shadow > 0.0 && kept_shadow > 0.0);
     let light = (bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / (1.0 + lent.weight);
     let gloss = (bitcast<vec3<f32>>(second.xyz) + lent_specular * lent.second) / (1.0 + lent_specular);
     let diffuse = mix(found.first, light, min((1.0 + lent.weight) / diffuse_age, 1.0));
     let specular = mix(found.second, gloss, min((1.0 + lent_specular) / specular_age, 1.0));
-    let sun = select(own_sun, mix(history.sun, own_sun, 1.0 / diffuse_age), history.sun >= 0.0);
-    let sun_byte = u32(round(sun * 127.0)) << 1u | sun_centre;
+    let sun_byte = u32(round(shadow)) << 1u | sun_centre;
     records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), first.w);
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
-    histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, sun, vec2(0.0));
+    histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, shadow, vec2(0.0));
 }

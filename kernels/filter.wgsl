@@ -32,7 +32,8 @@ var<immediate> parameters: Parameters;
 // [neighbour][sample]: indices, nearest first.
 @group(0) @binding(4) var<storage, read> nearest: array<u32>;
 
-
+// Share of a sample's neighbours on its surface that must see a part of the sun's disc for it to lie in a half-shadow.
+const FEW_HALF_SHADOWS = 0.01;
 // Where light comes from, where that is not known.
 const NOWHERE = vec3(0u);
 
@@ -125,8 +126,8 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     var second = vec3(0.0);
     var first_sum = 0.0;
     var second_sum = vec3(0.0);
-    var sun = 0.0;
-    var sun_sum = 0.0;
+    var shadow = 0.0;
+    var shadow_sum = 0.0;
     var red = vec3(0.0);
     var green = vec3(0.0);
     var blue = vec3(0.0);
@@ -164,21 +165,21 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
             blue += weight.z * unpack_toward(other.toward.z);
             toward_sum += weight;
         }
-        // Half-shadows are averaged on their own side of the shadow's edge.
-        let sun_weight = select(0.0, narrow_weight, (other.normal >> 24u & 1u) == sun_centre);
-        sun += sun_weight * f32(other.normal >> 25u);
-        sun_sum += sun_weight;
+        let half_shadow = other.normal >> 25u;
+        let shadow_weight = select(0.0, first_weight, half_shadow > 0u);
+        shadow += shadow_weight * f32(half_shadow);
+        shadow_sum += shadow_weight;
     }
     let found = first_sum > 0.0;
     let depth = select(own.depth, select(0.0, -1.0, found), hole);
     first = select(vec3(0.0), first / first_sum, found);
     second = select(vec3(0.0), second / second_sum, second_sum.x > 0.0);
-    let seen = u32(round(select(0.0, sun / sun_sum, sun_sum > 0.0)));
+    let half_shadow = u32(round(select(0.0, shadow / shadow_sum, shadow_sum > FEW_HALF_SHADOWS * first_sum)));
     var toward = NOWHERE;
     if own.toward.x != 0u && !hole {
         let scale = vec3(1.0) / max(toward_sum, vec3(1e-30));
         // Never 0, which is for those that have none.
         toward = vec3(pack_toward(red * scale.x) | IS_MAPPED, pack_toward(green * scale.y), pack_toward(blue * scale.z));
     }
-    keep(id.x, first, depth, second, expects, normal, min(seen, 127u) << 1u | sun_centre, toward);
+    keep(id.x, first, depth, second, expects, normal, half_shadow << 1u | sun_centre, toward);
 }

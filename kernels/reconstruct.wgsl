@@ -3,6 +3,7 @@
 //#include shared/records.wgsl
 //#include shared/display.wgsl
 //#include shared/warp.wgsl
+//#include shared/penumbra.wgsl
 //#include shared/overlay.wgsl
 
 struct Parameters {
@@ -124,9 +125,9 @@ struct Light {
     second_sum: f32,
     // The part of the sum that samples of the pixel's own surface have.
     own: f32,
-    // What of the sun those samples see that are on the pixel's side of a shadow's edge, and their sum.
-    sun: f32,
-    sun_sum: f32,
+    // How far what hides a part of the sun is from those samples that know it, as SampleRecord has it, and their sum.
+    shadow: f32,
+    shadow_sum: f32,
 }
 
 // A pixel's surface.
@@ -135,8 +136,6 @@ struct Surface {
     normal: vec3<f32>,
     point: vec3<f32>,
     pixel_width: f32,
-    // 1 where the sun's centre is seen.
-    sun_centre: u32,
     // The normal with its map.
     mapped: vec3<f32>,
     // Whether it expects a reflection.
@@ -187,12 +186,13 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
     (*light).second += second_weight * unpack_emission(sample.y);
     (*light).second_sum += second_weight;
     (*light).own += by_distance * own;
-    let sun_weight = select(0.0, by_distance * own, (sample.w >> 24u & 1u) == surface.sun_centre);
-    (*light).sun += sun_weight * f32(sample.w >> 25u) / 127.0;
-    (*light).sun_sum += sun_weight;
+    let half_shadow = sample.w >> 25u;
+    let shadow_weight = select(0.0, by_distance * own, half_shadow > 0u);
+    (*light).shadow += shadow_weight * f32(half_shadow);
+    (*light).shadow_sum += shadow_weight;
 }
 
-// What the pixel reflects of the sun, which only it knows to be visible: glTF's BRDF as in
+// What the pixel reflects of the sun, which it knows to be visible: glTF's BRDF as in
 // kernels/shared/bsdf.h. The sun's disc is as good as a point on all but smooth surfaces, where it widens
 // the highlight: of GGX's normals, tan^2 / (tan^2 + alpha^2) lie within an angle, so that its height is right
 // where squares are added.
@@ -319,7 +319,6 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, stride: u32) -> vec3
         unpack_normal24(record.normal),
         point,
         parameters.pixel_width * depth * pixel_scale(spacing, place),
-        record.normal >> 31u,
         unpack_normal24(record.mapped),
         record.reflected != 0u,
     );
@@ -344,7 +343,10 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, stride: u32) -> vec3
     let metalness = metalness_of(record);
     let specular = max(mix(vec3(0.04), base, metalness), vec3(LEAST_F0));
     let diffuse = base * (1.0 - metalness);
-    let visible = select(f32(surface.sun_centre), light.sun / light.sun_sum, light.sun_sum > 0.02);
+    var visible = f32(record.normal >> 31u);
+    if light.shadow_sum > IN_HALF_SHADOW * light.own && !has_sunlight(record) {
+        visible = seen_of_sun(surface, visible, exp2((light.shadow / light.shadow_sum - f32(HALF_SHADOW_METRE)) / f32(HALF_SHADOW_STEPS)));
+    }
     let reflected = diffuse * first + specular * mirrored(record, second, light.second_sum > 0.0);
     return reflected + sunlight(record, visible, surface, diffuse, specular) + emission;
 }

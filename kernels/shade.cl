@@ -248,7 +248,7 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
 }
 
 #if HAS_SUN
-// Aims n rays at the sun's disc, for the half-shadows that pixels' single rays to its centre do not have.
+// Aims n rays at the sun's disc, which tell where a part of it is hidden: pixels' single rays aim at its centre.
 static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uint seed, TraversalState *w)
 {
     uint mask = 0;
@@ -263,32 +263,19 @@ static void aim_at_sun(const Shading *shading, const Sample *sample, uint n, uin
     w->mask = mask;
 }
 
-// Whether the pixel of a sample that does not see the sun's centre itself has its light already: see visibility.cl.
-static bool has_sunlight(const Scene *scene, const Shading *shading, const Sample *sample, const TraversalState *w)
-{
-    if (describes_itself(&sample->surface))
-        return true;
-#if HAS_ALPHA
-    float3 sun = load3(shading->sun_direction);
-    if (shading->translucent && dot3(sample->surface.horizon, sun) > 0.0f)
-        return dimmed_light(scene, w->origin, sun, INFINITY, 0u) > 0.0f;
-#endif
-    return false;
-}
+static float3 direction_of(const TraversalState *w, uint i) { return (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]); }
 
-// How much of the light along the n rays that were aimed at the sun comes, for each sample.
-static void find_sun(const Scene *scene, const Shading *shading, const Sample *samples, TraversalState *states, uint count, uint n,
-                     float *seen)
+// Which of the rays that were aimed at the sun meet nothing that hides it, for each sample.
+static void find_sun(const Scene *scene, const Shading *shading, const Sample *samples, TraversalState *states, uint count, uint *seen)
 {
 #if HAS_ALPHA
     if (shading->translucent) {
         for (uint k = 0; k < count; ++k) {
-            const TraversalState *w = &states[k];
-            seen[k] = 0.0f;
-            for (uint left = samples[k].lit ? w->mask : 0u; left; left &= left - 1u) {
+            seen[k] = 0u;
+            for (uint left = samples[k].lit ? states[k].mask : 0u; left; left &= left - 1u) {
                 uint i = lowest_bit(left);
-                float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
-                seen[k] += dimmed_light(scene, w->origin, d, INFINITY, w->seed) / (float)n;
+                float light = dimmed_light(scene, states[k].origin, direction_of(&states[k], i), INFINITY, states[k].seed);
+                seen[k] |= (light > 0.0f ? 1u : 0u) << i;
             }
         }
         return;
@@ -296,7 +283,26 @@ static void find_sun(const Scene *scene, const Shading *shading, const Sample *s
 #endif
     occluded_streams(scene, states, count);
     for (uint k = 0; k < count; ++k)
-        seen[k] = (float)popcount(states[k].mask & ~states[k].hits) / (float)n;
+        seen[k] = states[k].mask & ~states[k].hits;
+}
+
+// How far what hides a part of the sun's disc from a sample is, as SampleRecord has it; 0 where all or nothing is hidden.
+// `seen`: the rays that see the sun; `centre`: whether the pixel's own one does.
+static uint half_shadow(const Scene *scene, const Shading *shading, const Sample *sample, const TraversalState *w, uint seen, bool centre,
+                        uint *rays)
+{
+    uint hidden = w->mask & ~seen;
+    float3 sun = load3(shading->sun_direction), d = hidden ? direction_of(w, lowest_bit(hidden)) : sun;
+    // The pixel has its light already where its surface brings it itself.
+    bool is_whole = hidden ? seen == 0u && !centre : centre || shading->translucent;
+    if (is_whole || describes_itself(&sample->surface) || !(dot3(sample->surface.horizon, d) > 0.0f))
+        return 0u;
+    float t = INFINITY;
+    uint triangle;
+    ++*rays;
+    if (!trace_ray(scene, w->origin, 0.0f, d, &t, &triangle, PASSED, w->seed))
+        return 0u;
+    return (uint)clamp((float)HALF_SHADOW_STEPS * log2(t) + (float)HALF_SHADOW_METRE + 0.5f, 1.0f, 127.0f);
 }
 #endif
 
@@ -456,15 +462,15 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         for (uint k = 0; k < n; ++k)
             if (mine[k].lit)
                 aim_at_sun(&shading, &mine[k], towards_sun, camera.seed, &states[k]);
-        float seen[STREAMS];
-        find_sun(&scene, &shading, mine, states, n, towards_sun, seen);
+        uint seen[STREAMS];
+        find_sun(&scene, &shading, mine, states, n, seen);
         for (uint k = 0; k < n; ++k) {
             if (!mine[k].lit)
                 continue;
             uint at = samples[mine[k].index];
             uint centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31;
-            float share = centre == 0u && has_sunlight(&scene, &shading, &mine[k], &states[k]) ? 0.0f : seen[k];
-            mine[k].normal |= ((uint)(share * 127.0f + 0.5f) << 1 | centre) << 24;
+            uint away = half_shadow(&scene, &shading, &mine[k], &states[k], seen[k], centre != 0u, &rays);
+            mine[k].normal |= (away << 1 | centre) << 24;
             rays += towards_sun;
         }
         shading.rays -= towards_sun;

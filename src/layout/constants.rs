@@ -1,7 +1,7 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 26] {
+pub(super) fn named() -> [(&'static str, u32); 28] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
@@ -11,6 +11,8 @@ pub(super) fn named() -> [(&'static str, u32); 26] {
         ("SURFACE_MOTION", SURFACE_MOTION),
         ("SURFACE_MOVES", SURFACE_MOVES),
         ("SURFACE_MOVER", SURFACE_MOVER),
+        ("HALF_SHADOW_STEPS", HALF_SHADOW_STEPS),
+        ("HALF_SHADOW_METRE", HALF_SHADOW_METRE),
         ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
@@ -57,6 +59,10 @@ pub const MAX_MOVERS: usize = 127;
 pub const UNTRACED: u32 = u32::MAX - 1;
 /// In [`super::VisibilityRecord::normal`]: the sun's centre is visible.
 pub const SUN_VISIBLE: u32 = 1 << 31;
+/// In [`super::SampleRecord::normal`]: codes of a distance for each doubling.
+pub const HALF_SHADOW_STEPS: u32 = 6;
+/// In [`super::SampleRecord::normal`]: the code of a metre.
+pub const HALF_SHADOW_METRE: u32 = 49;
 /// Cells of the cache of light.
 pub const CACHE_CELLS: u32 = 1 << 18;
 /// The seed with which what is seen is every BLEND surface, instead of some by chance.

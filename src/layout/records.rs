@@ -22,7 +22,8 @@ pub struct SampleRecord {
     pub second: [f32; 3],
     /// World-space normal interpolated between vertices, without the normal map, on the viewer's side:
     /// octahedral, two 12-bit snorms in the low 24 bits. In the high byte, with a sun and guided
-    /// reconstruction: bit 0 whether the sun's centre is seen, and how much of its disc as a 7-bit unorm.
+    /// reconstruction: bit 0 whether the sun's centre is seen, and in the other seven, where a part of its disc is hidden, how far
+    /// away what hides it is: [`super::HALF_SHADOW_STEPS`] for each doubling, [`super::HALF_SHADOW_METRE`] at a metre. Elsewhere 0.
     pub normal: u32,
     /// On a surface with a normal map, with guided reconstruction, for red, green and blue: the mean of the directions
     /// from which such light comes, as three 10-bit snorms, x in the low bits; and [`super::IS_MAPPED`] in the first. `first`

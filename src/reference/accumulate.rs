@@ -38,6 +38,8 @@ pub const OTHER_SIDE: f64 = 0.02;
 pub const ENOUGH_ON_SIDE: f64 = 0.25;
 /// Square of a distance in pixels that counts as none.
 pub const SAME_PLACE: f64 = 0.01;
+/// Share of what was found that must have known of a half-shadow.
+const FEW_HALF_SHADOWS: f64 = 0.01;
 
 /// A sample of a frame. Light is demodulated; see [`crate::layout::SampleRecord`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,8 +54,11 @@ pub struct Sample {
     pub depth: f64,
     /// Unit normal in world orientation, without normal maps.
     pub normal: DVec3,
-    /// How much of the sun's disc is seen, 0 to 1, and whether its centre is.
-    pub sun: (f64, bool),
+    /// How far what hides a part of the sun's disc is, as [`crate::layout::SampleRecord::normal`] has it; 0 where that is not
+    /// known.
+    pub half_shadow: f64,
+    /// Whether the sun's centre is seen.
+    pub sun_centre: bool,
     /// The surface's perceptual roughness, 0 to 1.
     pub roughness: f64,
     /// How its surface has moved since the last frame.
@@ -151,8 +156,8 @@ fn one(
     let unknown = if sample.motion == Motion::Still { settings.longest } else { 1.0 };
     let longest = past.as_ref().map_or(unknown, |past| past.longest);
     let mut history = History { ages: [0.0; 2], fast: value, slow: value, variance: 0.0 };
-    let mut found = (sample.diffuse, sample.specular, None);
-    if let Some((past, (diffuse, specular, sun, old))) = last
+    let mut found = (sample.diffuse, sample.specular, 0.0);
+    if let Some((past, (diffuse, specular, shadow, old))) = last
         .zip(past)
         .and_then(|(kept, past)| look_back(kept, view, &sample, &past, settings).map(|old| (past, old)))
     {
@@ -160,7 +165,7 @@ fn one(
         let kept = if sample.motion == Motion::Still { 1.0 } else { kept_in_motion(&old, value, error) };
         history.ages[0] *= kept;
         history.ages[1] *= kept * past.alike_reflection;
-        found = (diffuse, specular, sun);
+        found = (diffuse, specular, shadow);
     }
     let ages = [
         (history.ages[0] + 1.0 + lent_weight).min(longest),
@@ -168,11 +173,15 @@ fn one(
     ];
     let light = (sample.diffuse + lent_light * lent_weight) / (1.0 + lent_weight);
     let gloss = (sample.specular + lent_gloss * lent_gloss_weight) / (1.0 + lent_gloss_weight);
-    let seen = found.2.map_or(sample.sun.0, |sun: f64| sun + (sample.sun.0 - sun) / ages[0]);
+    let kept_shadow = if history.ages[0] > 0.0 { found.2 } else { 0.0 };
+    let half_shadow = match (sample.half_shadow > 0.0, kept_shadow > 0.0) {
+        (true, true) => kept_shadow + (sample.half_shadow - kept_shadow) / ages[0],
+        _ => sample.half_shadow.max(kept_shadow),
+    };
     let mixed = Sample {
         diffuse: found.0.lerp(light, ((1.0 + lent_weight) / ages[0]).min(1.0)),
         specular: found.1.lerp(gloss, ((1.0 + lent_gloss_weight) / ages[1]).min(1.0)),
-        sun: (seen, sample.sun.1),
+        half_shadow,
         ..sample
     };
     (mixed, History { ages, ..history })
@@ -305,19 +314,24 @@ fn agreed(found: &[(usize, f64, f64)]) -> f64 {
     found.iter().map(|(_, agree, _)| *agree).fold(0.0, f64::max)
 }
 
-type Found = (DVec3, DVec3, Option<f64>, History);
+type Found = (DVec3, DVec3, f64, History);
 
 fn look_back(kept: &Kept, view: &View, sample: &Sample, past: &Before, settings: &Settings) -> Option<Found> {
     let found = around(kept, view, sample, (past.point, past.normal), settings);
     if agreed(&found) <= LEAST_AGREEMENT {
         return None;
     }
-    let is_same_side = |index: usize| kept.samples[index].sun.1 == sample.sun.1;
+    let is_same_side = |index: usize| kept.samples[index].sun_centre == sample.sun_centre;
     let on_side = |&&(index, ..): &&(usize, f64, f64)| is_same_side(index);
     let near: f64 = found.iter().map(|(.., weight)| weight).sum();
     let side_sum: f64 = found.iter().filter(on_side).map(|(.., weight)| weight).sum();
-    let sun: f64 =
-        found.iter().filter(on_side).map(|&(index, _, weight)| weight * kept.samples[index].sun.0).sum();
+    let (known, shadow) = found
+        .iter()
+        .filter(|(index, ..)| kept.samples[*index].half_shadow > 0.0)
+        .fold((0.0, 0.0), |(known, sum), &(index, _, weight)| {
+            (known + weight, sum + weight * kept.samples[index].half_shadow)
+        });
+    let shadow = if known > FEW_HALF_SHADOWS * near { shadow / known } else { 0.0 };
     let weighed = |&(index, agree, weight): &(usize, f64, f64)| {
         (index, agree, weight * if is_same_side(index) || !settings.light_changes { 1.0 } else { OTHER_SIDE })
     };
@@ -339,7 +353,7 @@ fn look_back(kept: &Kept, view: &View, sample: &Sample, past: &Before, settings:
     };
     let (diffuse, specular) =
         (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
-    Some((diffuse, specular, (side_sum > 0.0).then(|| sun / side_sum), history))
+    Some((diffuse, specular, shadow, history))
 }
 
 /// Diffuse and specular light of the other eye, and what they are worth.
@@ -377,7 +391,7 @@ fn brightness_around(view: &View, fresh: &[Sample], index: usize, settings: &Set
     let mut values = Vec::new();
     for near in nearest(&positions, sample.at, settings.neighbours) {
         let other = &fresh[near.sample];
-        if usable(other) && (other.sun.1 == sample.sun.1 || !settings.light_changes) {
+        if usable(other) && (other.sun_centre == sample.sun_centre || !settings.light_changes) {
             let there = point_of(view, other);
             let weight = agreement(point, sample.normal, there, other.normal, width, settings);
             values.push((weight, brightness(other)));

@@ -5,6 +5,8 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
+mod penumbra;
+
 use super::reconstruct::{WeightKind, nearest, weights};
 use crate::layout::{IS_MAPPED, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
 use crate::math::pose::Pose;
@@ -43,10 +45,8 @@ pub struct Prepared {
     pub depth: f64,
     /// World-space normal without its map.
     pub normal: DVec3,
-    /// Whether the sun's centre is seen.
-    pub sun_centre: bool,
-    /// How much of its disc is.
-    pub sun: f64,
+    /// How far what hides a part of the sun's disc is, as [`SampleRecord::normal`] has it; 0 where nothing does.
+    pub half_shadow: f64,
     /// Mean directions of red, green and blue light, where they are known.
     pub toward: Option<[DVec3; 3]>,
 }
@@ -78,8 +78,8 @@ struct Light {
     sum: f64,
     second_sum: f64,
     own: f64,
-    sun: f64,
-    sun_sum: f64,
+    shadow: f64,
+    shadow_sum: f64,
 }
 
 /// A pixel's record, unpacked.
@@ -88,7 +88,6 @@ struct Surface {
     mapped: DVec3,
     point: DVec3,
     pixel_width: f64,
-    sun_centre: bool,
     expects: bool,
     diffuse: DVec3,
     f0: DVec3,
@@ -163,7 +162,6 @@ impl Guided<'_> {
         let hole = !finite(own) || own.depth <= 0.0;
         let expects = !hole && own.reflected != 0;
         let (normal, depth) = (normal24(own.normal), f64::from(own.depth));
-        let sun_centre = own.normal >> 24 & 1;
         let point = self.point_at(self.positions[index], depth);
         let width = self.pixel_width(self.positions[index]) * depth;
         let near = nearest(self.positions, self.positions[index], self.choices.neighbours);
@@ -172,7 +170,7 @@ impl Guided<'_> {
         let by_distance = |distance: f64, square: f64| (-0.5 * (distance / reach).powi(2) / square).exp();
         let (mut first, mut first_sum) = (DVec3::ZERO, 0.0);
         let (mut second, mut second_sum) = (DVec3::ZERO, DVec3::ZERO);
-        let (mut sun, mut sun_sum) = (0.0, 0.0);
+        let (mut shadow, mut shadow_sum) = (0.0, 0.0);
         let (mut directions, mut direction_sum) = ([DVec3::ZERO; 3], DVec3::ZERO);
         for neighbour in near {
             let other = &samples[neighbour.sample];
@@ -202,9 +200,9 @@ impl Guided<'_> {
                 [0, 1, 2].into_iter().for_each(|c| directions[c] += from[c] * weight[c]);
                 direction_sum += weight;
             }
-            if other.normal >> 24 & 1 == sun_centre {
-                sun += second_weight * f64::from(other.normal >> 25) / 127.0;
-                sun_sum += second_weight;
+            if other.normal >> 25 > 0 {
+                shadow += first_weight * f64::from(other.normal >> 25);
+                shadow_sum += first_weight;
             }
         }
         let found = first_sum > 0.0;
@@ -218,8 +216,11 @@ impl Guided<'_> {
                 (true, false) => 0.0,
             },
             normal,
-            sun_centre: sun_centre == 1,
-            sun: if sun_sum > 0.0 { sun / sun_sum } else { 0.0 },
+            half_shadow: if shadow_sum > penumbra::FEW * first_sum {
+                (shadow / shadow_sum).round()
+            } else {
+                0.0
+            },
             toward: toward(own.toward)
                 .filter(|_| !hole)
                 .map(|_| [0, 1, 2].map(|c| directions[c] / direction_sum[c].max(1e-30))),
@@ -241,7 +242,6 @@ impl Guided<'_> {
             mapped: normal24(record.mapped),
             point: self.point_at(at, depth),
             pixel_width: self.pixel_width(at) * depth,
-            sun_centre: record.normal >> 31 == 1,
             expects: record.reflected != 0,
             diffuse: base * (1.0 - metalness),
             f0: DVec3::splat(0.04).lerp(base, metalness).max(DVec3::splat(1e-3)),
@@ -277,9 +277,9 @@ impl Guided<'_> {
             light.second += sample.second * weight;
             light.second_sum += weight;
         }
-        if sample.sun_centre == surface.sun_centre {
-            light.sun += near * own * sample.sun;
-            light.sun_sum += near * own;
+        if sample.half_shadow > 0.0 {
+            light.shadow += near * own * sample.half_shadow;
+            light.shadow_sum += near * own;
         }
     }
 
@@ -317,11 +317,7 @@ impl Guided<'_> {
         let first = if light.sum > 0.0 { light.first / light.sum } else { DVec3::ZERO };
         let known = light.second_sum > 0.0;
         let second = if known { light.second / light.second_sum } else { first };
-        let visible = if light.sun_sum > 0.02 {
-            light.sun / light.sun_sum
-        } else {
-            f64::from(u8::from(surface.sun_centre))
-        };
+        let visible = self.visible(at, &surface, &light);
         surface.diffuse * first
             + surface.f0 * self.mirrored(record, second, known)
             + self.sunlight(&surface, visible)

@@ -10,6 +10,7 @@ mod convex;
 mod deform;
 mod edges;
 mod guided;
+mod half_shadows;
 mod hits;
 mod instances;
 mod pictures;

@@ -2,7 +2,7 @@
 
 use foveate::math::view::View;
 use foveate::reference::{self, Surface, TextureMode};
-use foveate::scene::{Environment, Material, Scene, Sun};
+use foveate::scene::{Environment, Scene, Sun};
 use foveate::trace::{Settings, Traversal};
 use glam::{DVec2, DVec3, Vec3};
 

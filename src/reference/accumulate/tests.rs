@@ -35,7 +35,8 @@ fn wall(view: &View, light: impl Fn(DVec3) -> f64) -> Vec<Sample> {
                 specular,
                 depth,
                 normal: DVec3::Z,
-                sun: (1.0, true),
+                half_shadow: 0.0,
+                sun_centre: true,
                 roughness: 1.0,
                 motion: Motion::Still,
             }
@@ -130,7 +131,7 @@ fn error_under_a_shadow(is_the_suns: bool) -> f64 {
         for sample in &mut fresh {
             sample.diffuse *= 0.5 + noise(&mut seed);
             let lit = !is_the_suns || is_lit(frame, place(sample));
-            sample.sun = (f64::from(u8::from(lit)), lit);
+            sample.sun_centre = lit;
         }
         let (samples, histories) = accumulate(&view, &fresh, kept.as_ref(), None, &SETTINGS);
         kept = Some(Kept { view, samples, histories });
