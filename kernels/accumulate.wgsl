@@ -65,7 +65,9 @@ struct History {
     variance: f32,
     // How far what hides a part of the sun's disc is, as SampleRecord has it; 0 where that was never known.
     half_shadow: f32,
-    padding: vec2<f32>,
+    // How lately it was found there: 1 in this frame.
+    confidence: f32,
+    padding: f32,
 }
 
 // This frame's SampleRecords, three words of four for each, and where they are.
@@ -118,8 +120,10 @@ const FEW = 5.0;
 const OTHER_SIDE = 0.02;
 // Share of what was found on the same side from which on it counts in full: a shadow has come or gone where there is less.
 const ENOUGH_ON_SIDE = 0.25;
-// Share of what was found that must have known of a half-shadow.
-const FEW_HALF_SHADOWS = 0.01;
+// What a half-shadow that is not found again is trusted less from frame to frame, and how little ends it: after 15 frames, and
+// over some samples beside those that have found it.
+const CONFIDENCE_KEPT = 0.9;
+const LEAST_CONFIDENCE = 0.2;
 // Square of a distance in pixels below which samples count as at the same place.
 const SAME_PLACE = 0.01;
 
@@ -228,7 +232,7 @@ struct Found {
 // What the view's last frame has accumulated for a point, weighted means.
 fn look_back(point: Point, sun_centre: u32) -> Found {
     let source = sources[0].last;
-    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, vec2(0.0)), 0.0, 0.0);
+    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0);
     let at = seen_at(source, point.point);
     if at.x < -0.5 {
         return found;
@@ -259,7 +263,7 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         found.history.variance += weight * history.variance;
         let same_side = select(0.0, near, is_same_side);
         same_sum += same_side;
-        let known = select(0.0, near, history.half_shadow > 0.0);
+        let known = near * history.confidence;
         found.history.half_shadow += known * history.half_shadow;
         known_sum += known;
         sum += near;
@@ -280,7 +284,8 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
     found.history.fast *= scale;
     found.history.slow *= scale;
     found.history.variance *= scale;
-    found.history.half_shadow = select(0.0, found.history.half_shadow / known_sum, known_sum > FEW_HALF_SHADOWS * sum);
+    found.history.half_shadow = select(0.0, found.history.half_shadow / known_sum, known_sum > 0.0);
+    found.history.confidence = known_sum / sum;
     return found;
 }
 
@@ -404,7 +409,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     records[3u * id.x + 1u] = second;
     // What the pixel expects to mirror, and where light comes from, are this frame's.
     records[3u * id.x + 2u] = fresh[3u * id.x + 2u];
-    histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, vec2(0.0));
+    histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     if !is_usable(first, second) {
         return;
     }
@@ -426,7 +431,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let lent_specular = lent.weight * alike_reflection(here.point, across, roughness);
 
     let value = brightness_around(id.x, here, sun_centre);
-    var history = History(0.0, 0.0, value.x, value.x, 0.0, 0.0, vec2(0.0));
+    var history = History(0.0, 0.0, value.x, value.x, 0.0, 0.0, 0.0, 0.0);
     if found.weight > 0.0 {
         history = followed(found.history, value, longest);
         let kept = select(1.0, kept_in_motion(found.history, value), (seen.mapped & SURFACE_MOVES) != 0u);
@@ -435,9 +440,12 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let diffuse_age = min(history.diffuse_age + 1.0 + lent.weight, longest);
     let specular_age = min(history.specular_age + 1.0 + lent_specular, longest);
-    // What has just been found counts as light does; what has not is kept as long as light is.
+    // What has just been found counts as light does; what has not is kept for some frames, at most as long as light is.
     let own_shadow = f32(second.w >> 25u);
-    let kept_shadow = select(0.0, history.half_shadow, history.diffuse_age > 0.0);
+    let confidence = CONFIDENCE_KEPT * history.confidence;
+    let is_kept = history.diffuse_age > 0.0 && confidence > LEAST_CONFIDENCE;
+    let kept_confidence = select(0.0, confidence, is_kept);
+    let kept_shadow = select(0.0, history.half_shadow, is_kept);
     let mixed_shadow = mix(kept_shadow, own_shadow, 1.0 / diffuse_age);
     let shadow = select(max(own_shadow, kept_shadow), mixed_shadow, own_shadow > 0.0 && kept_shadow > 0.0);
     let light = (bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / (1.0 + lent.weight);
@@ -447,5 +455,5 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let sun_byte = u32(round(shadow)) << 1u | sun_centre;
     records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), first.w);
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
-    histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, shadow, vec2(0.0));
+    histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, shadow, select(kept_confidence, 1.0, own_shadow > 0.0), 0.0);
 }

@@ -176,6 +176,7 @@ static bool aim_at_emitter(const Scene *scene, const Shading *shading, const Sur
     aim->is_punctual = (e->kind & EMITTER_PUNCTUAL) != 0u;
     if (aim->is_punctual) {
         aim->light = punctual(shading, scene->lights + e->place, s->position, &aim->direction, &aim->distance);
+        aim->distance = distance_left(s, aim->direction, aim->distance);
         return max3(aim->light) > 0.0f;
     }
     float3 first = gload3(e->edges[0]), second = gload3(e->edges[1]);

@@ -109,7 +109,7 @@ static uint add_punctual(const Scene *scene, const Shading *shading, const Surfa
         if (!(max3(light) > 0.0f) || dot3(s->horizon, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
             continue;
         ++rays;
-        light *= light_along(scene, shading, origin, direction, distance, seed);
+        light *= light_along(scene, shading, origin, direction, distance_left(s, direction, distance), seed);
         sum->diffuse += r.diffuse * light;
         sum->specular += r.specular * light;
     }

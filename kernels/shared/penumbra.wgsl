@@ -10,8 +10,10 @@
 const IN_HALF_SHADOW = 0.05;
 // Pixels that are asked, on a spiral of equal areas (Vogel 1979), which each pixel turns by an angle of its own.
 const PENUMBRA_POINTS = 32u;
-// So many of them first, those farthest out: where all see what the pixel itself does, the others are not asked.
+// So many of them first, from all over the ellipse: where all see what the pixel itself does, the others are not asked.
 const FIRST_POINTS = 12u;
+// What takes each of them in turn, those farthest out among the first.
+const POINT_STRIDE = 9u;
 const GOLDEN_ANGLE = 2.3999632;
 // Pixels by which the ellipse reaches out at most, and below which the shadow's edge is as good.
 const WIDEST_PENUMBRA = 32.0;
@@ -61,18 +63,20 @@ fn seen_of_sun(surface: Surface, centre: f32, distance: f32) -> f32 {
     // The R2 sequence over the pixels (Roberts 2018), in 2^32 of a turn.
     let place = vec2<u32>(surface.at);
     let turn = f32((place.x * 3242174889u + place.y * 2447445414u) >> 8u) * (2.0 * PI / 16777216.0);
-    let last = vec2<f32>(vec2(parameters.width, parameters.first_row + parameters.rows) - 1u);
+    let least = vec2(0.0, f32(parameters.first_row));
+    let most = vec2<f32>(vec2(parameters.width, parameters.first_row + parameters.rows) - 1u);
     var seen = 0.0;
     var sum = 0.0;
     for (var k = 0u; k < PENUMBRA_POINTS; k++) {
         if k == FIRST_POINTS && seen == sum * centre {
             return centre;
         }
-        let i = PENUMBRA_POINTS - 1u - k;
+        let i = PENUMBRA_POINTS - 1u - k * POINT_STRIDE % PENUMBRA_POINTS;
         let out = sqrt((f32(i) + 0.5) / f32(PENUMBRA_POINTS));
         let angle = turn + f32(i) * GOLDEN_ANGLE;
         let way = out * (cos(angle) * first + sin(angle) * second);
-        let at = clamp(floor(surface.at + way + 0.5), vec2(0.0, f32(parameters.first_row)), last);
+        // The border's pixels stand for what lies beyond it: half an ellipse's mean would be further off.
+        let at = clamp(floor(surface.at + way + 0.5), least, most);
         let record = visibility[place_in_band(vec2<u32>(at))];
         let offset = point_at(parameters.rays, spacing, at.x, at.y, record.depth) - surface.point;
         let alike = plane_exponent(surface.normal, offset, parameters.plane_tolerance, surface.pixel_width);

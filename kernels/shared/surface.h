@@ -154,7 +154,8 @@ static float3 hit_weights(const Facet *f, float3 d)
 }
 
 // How a facet's corners lie to the planes through each other across their normals: for each corner the heights of the next two
-// over its plane. `bent`: on which sides the surface that the normals describe lies over the facet, 1 the front, 2 the back.
+// over its plane. `bent`: on which sides the surface that the normals describe lies over the facet, 1 the front, 2 the back;
+// on neither where a normal is so far off the facet's that it describes a box's corner rather than a round surface.
 typedef struct {
     float heights[6];
     uint bent;
@@ -162,6 +163,8 @@ typedef struct {
 
 // Sine of the angle that a triangle's edge makes with a corner's plane below which it counts as lying in it.
 #define LEAST_BEND 1.0e-3f
+// Cosine between a corner's normal and the triangle's from which on they describe a round surface: 44 degrees.
+#define ROUND_COSINE 0.72f
 
 static Bend bend_of(const Facet *f)
 {
@@ -175,6 +178,8 @@ static Bend bend_of(const Facet *f)
         bend.heights[i] = counts ? height : 0.0f;
         bend.bent |= counts ? height < 0.0f ? 1u : 2u : 0u;
     }
+    for (uint i = 0; i < 3u; ++i)
+        bend.bent = dot3(f->normals[i], f->geometric) > ROUND_COSINE ? bend.bent : 0u;
     return bend;
 }
 
@@ -500,3 +505,6 @@ CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, 
 
 // Where rays that leave the surface start: off it by the rounding of everything that led there.
 static float3 leave_surface(const Surface *s) { return s->position + s->geometric * (s->offset + s->rise); }
+
+// How far rays from there go to what is so far away from the surface's own point along d.
+static float distance_left(const Surface *s, float3 d, float distance) { return max(distance - s->rise * dot3(s->geometric, d), 0.0f); }

@@ -16,7 +16,7 @@
 //! - light (`kernels/cache.cl`): `light_cells` brings light to the cache by a few thousand paths, and
 //!   `settle_cells` takes it in; on each device alike
 //! - shade (`kernels/shade.cl`): `shade_samples` sends the light rays of each sample and writes its record;
-//!   with guided reconstruction and a sun, some of them ask how much of its disc is seen
+//!   with guided reconstruction and a sun, some of them ask whether a part of its disc is hidden, and how far by
 //! - share (`SampleTarget::take` in `src/trace/worker.rs`): nothing for the device that writes in place; what
 //!   others have done is copied into mapped Vulkan memory
 //! - observe (`Balancer::observe`): what the devices' times say of them, and of the places of the view

@@ -38,8 +38,9 @@ pub const OTHER_SIDE: f64 = 0.02;
 pub const ENOUGH_ON_SIDE: f64 = 0.25;
 /// Square of a distance in pixels that counts as none.
 pub const SAME_PLACE: f64 = 0.01;
-/// Share of what was found that must have known of a half-shadow.
-const FEW_HALF_SHADOWS: f64 = 0.01;
+/// What a half-shadow that is not found again is trusted less from frame to frame, and how little ends it.
+const CONFIDENCE_KEPT: f64 = 0.9;
+const LEAST_CONFIDENCE: f64 = 0.2;
 
 /// A sample of a frame. Light is demodulated; see [`crate::layout::SampleRecord`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,6 +96,8 @@ pub struct History {
     pub slow: f64,
     /// See `fast`.
     pub variance: f64,
+    /// How lately the half-shadow was found: 1 in this frame.
+    pub confidence: f64,
 }
 
 /// A frame as later ones look it up.
@@ -155,7 +158,7 @@ fn one(
     let past = last.map(|kept| before(kept, view, &sample, point, settings));
     let unknown = if sample.motion == Motion::Still { settings.longest } else { 1.0 };
     let longest = past.as_ref().map_or(unknown, |past| past.longest);
-    let mut history = History { ages: [0.0; 2], fast: value, slow: value, variance: 0.0 };
+    let mut history = History { fast: value, slow: value, ..History::default() };
     let mut found = (sample.diffuse, sample.specular, 0.0);
     if let Some((past, (diffuse, specular, shadow, old))) = last
         .zip(past)
@@ -173,7 +176,14 @@ fn one(
     ];
     let light = (sample.diffuse + lent_light * lent_weight) / (1.0 + lent_weight);
     let gloss = (sample.specular + lent_gloss * lent_gloss_weight) / (1.0 + lent_gloss_weight);
-    let kept_shadow = if history.ages[0] > 0.0 { found.2 } else { 0.0 };
+    let confidence = CONFIDENCE_KEPT * history.confidence;
+    let is_kept = history.ages[0] > 0.0 && confidence > LEAST_CONFIDENCE;
+    let kept_shadow = if is_kept { found.2 } else { 0.0 };
+    history.confidence = match (sample.half_shadow > 0.0, is_kept) {
+        (true, _) => 1.0,
+        (false, true) => confidence,
+        (false, false) => 0.0,
+    };
     let half_shadow = match (sample.half_shadow > 0.0, kept_shadow > 0.0) {
         (true, true) => kept_shadow + (sample.half_shadow - kept_shadow) / ages[0],
         _ => sample.half_shadow.max(kept_shadow),
@@ -325,13 +335,11 @@ fn look_back(kept: &Kept, view: &View, sample: &Sample, past: &Before, settings:
     let on_side = |&&(index, ..): &&(usize, f64, f64)| is_same_side(index);
     let near: f64 = found.iter().map(|(.., weight)| weight).sum();
     let side_sum: f64 = found.iter().filter(on_side).map(|(.., weight)| weight).sum();
-    let (known, shadow) = found
-        .iter()
-        .filter(|(index, ..)| kept.samples[*index].half_shadow > 0.0)
-        .fold((0.0, 0.0), |(known, sum), &(index, _, weight)| {
-            (known + weight, sum + weight * kept.samples[index].half_shadow)
-        });
-    let shadow = if known > FEW_HALF_SHADOWS * near { shadow / known } else { 0.0 };
+    let (known, shadow) = found.iter().fold((0.0, 0.0), |(known, sum), &(index, _, weight)| {
+        let weight = weight * kept.histories[index].confidence;
+        (known + weight, sum + weight * kept.samples[index].half_shadow)
+    });
+    let shadow = if known > 0.0 { shadow / known } else { 0.0 };
     let weighed = |&(index, agree, weight): &(usize, f64, f64)| {
         (index, agree, weight * if is_same_side(index) || !settings.light_changes { 1.0 } else { OTHER_SIDE })
     };
@@ -350,6 +358,7 @@ fn look_back(kept: &Kept, view: &View, sample: &Sample, past: &Before, settings:
         fast: mean(&|index| kept.histories[index].fast),
         slow: mean(&|index| kept.histories[index].slow),
         variance: mean(&|index| kept.histories[index].variance),
+        confidence: known / near,
     };
     let (diffuse, specular) =
         (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
@@ -419,6 +428,7 @@ fn followed(last: &History, value: f64, error: Option<f64>, longest: f64) -> His
         fast: mix(last.fast, value, rate.max(FAST_RATE)),
         slow: mix(last.slow, value, rate),
         variance: last.variance,
+        confidence: last.confidence,
     };
     let of_fast = FAST_RATE / (2.0 - FAST_RATE) * last.variance;
     let limit = DEVIATIONS.powi(2) * of_fast + (UNNOTICED * last.slow).powi(2);

@@ -215,7 +215,7 @@ impl<'a> Renderer<'a> {
         };
         let beam = |a: light::Arrival| {
             let distance = if a.distance.is_finite() { a.distance } else { reach(a.direction) };
-            self.beam(surface, a.direction, distance, a.irradiance)
+            self.beam(surface, a.direction, surface.distance_left(a.direction, distance), a.irradiance)
         };
         arrivals.map(beam).sum()
     }

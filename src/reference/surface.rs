@@ -14,6 +14,8 @@ const LIFT: f64 = 1.0 / (1u64 << 36) as f64;
 /// Sine of the angle between a triangle's edge and the plane across the normal of one of its corners below which the edge
 /// counts as lying in it.
 const LEAST_BEND: f64 = 1e-3;
+/// Cosine between a corner's normal and the triangle's from which on they describe a round surface.
+const ROUND_COSINE: f64 = 0.72;
 
 /// The least cosine between a shading normal and the direction towards the viewer.
 const LEAST_FACING: f64 = 0.01;
@@ -193,6 +195,11 @@ impl Surface {
         Ray { origin: self.position + self.geometric_normal * (self.lift + self.rise), direction }
     }
 
+    /// How far such a ray goes to what is so far away from the surface's own point.
+    pub fn distance_left(&self, direction: DVec3, distance: f64) -> f64 {
+        (distance - self.rise * self.geometric_normal.dot(direction)).max(0.0)
+    }
+
     /// The same, not transmissive.
     pub fn without_glass(self) -> Self {
         Surface { glass: None, ..self }
@@ -243,7 +250,7 @@ fn vertex_normals(scene: &Scene, hit: &Hit) -> Option<[DVec3; 3]> {
 }
 
 /// How high the surface that the normals of a triangle's corners describe rises over a hit, where it is round and lies above the
-/// triangle somewhere: how far the hit is below the plane across each corner's normal, by the corner's weight (Hanika, "Hacking
+/// triangle somewhere, and no normal is far off its own: how far the hit is below the plane across each corner's normal, by the corner's weight (Hanika, "Hacking
 /// the shadow terminator", 2021; here along the triangle's own normal alone). All normals are those on the hit's side.
 fn rise_over(hit: &Hit, corners: [DVec3; 3], normals: [DVec3; 3], geometric: DVec3) -> Option<f64> {
     let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
@@ -260,6 +267,7 @@ fn rise_over(hit: &Hit, corners: [DVec3; 3], normals: [DVec3; 3], geometric: DVe
         }
         rise += normals[from].dot(geometric) * weights[from] * (-height).max(0.0);
     }
+    let is_round = is_round && normals.iter().all(|normal| normal.dot(geometric) > ROUND_COSINE);
     is_round.then_some(rise.max(0.0))
 }
 

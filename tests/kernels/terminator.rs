@@ -72,3 +72,28 @@ fn full_pictures_of_round_things_are_as_bright_as_their_normals_say() {
         assert!(all > 2500 && off * 200 <= all, "{off} of {all}");
     });
 }
+
+/// Normals that point into a thing describe no surface of it: light counts by its triangles.
+#[test]
+fn normals_that_point_inwards_raise_nothing() {
+    on_every_device(|device| {
+        let (mut scene, light) = (round_ball(1, matt(0.5)), light());
+        scene.mesh.normals.iter_mut().for_each(|normal| *normal = -*normal);
+        for traversal in [Traversal::Packet, Traversal::SingleRay] {
+            let picture = traced(&mut Bench::walking(device, &scene, &light, &EVERYTHING, traversal), true);
+            let tracer = reference::Tracer::new(&scene);
+            let (mut lit, mut off) = (0, 0);
+            for pixel in 0..eye().pixels() {
+                let at = DVec2::new((pixel % 96) as f64, (pixel / 96) as f64) + 0.5;
+                let ray = reference::camera_ray(&scene, &eye(), at);
+                let Some(hit) = tracer.closest(&ray, f64::INFINITY) else { continue };
+                let surface = Surface::at(&tracer, &ray, &hit, TextureMode::Level0);
+                assert_eq!(surface.horizon, surface.geometric_normal);
+                let faces = surface.geometric_normal.dot(SUN.as_dvec3()) > 0.0;
+                lit += usize::from(faces);
+                off += usize::from((picture.visibility[pixel].normal >> 31 != 0) != faces);
+            }
+            assert!(lit > 1000 && off < 20, "{traversal:?}: {off} of {lit}");
+        }
+    });
+}

@@ -71,7 +71,7 @@ fn traced(view: &View, packed: u32, frame: u32, index: usize) -> SampleRecord {
     let value = |part: u32| light * (0.5 + chance(part));
     let first = if index % 37 == 5 { [f32::NAN; 3] } else { [value(0), value(1), value(2)] };
     let centre = u32::from(at[0] < 30);
-    let sun = (chance(3) * 127.0) as u32;
+    let sun = if chance(7) < 0.6 { 0 } else { 1 + (chance(3) * 126.0) as u32 };
     let normal = pack_normal24(normal.as_vec3().to_array()) | (sun << 1 | centre) << 24;
     SampleRecord {
         first,
@@ -232,6 +232,8 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
                 assert!(aged[0] < 0.02 && aged[1] < 0.02, "{place:?}: {aged:?}");
                 assert!((found.diffuse - twin.diffuse).length() < 0.01, "{place:?}: {found:?} {twin:?}");
                 assert!((found.specular - twin.specular).length() < 0.01, "{place:?}: {found:?} {twin:?}");
+                let confidence = f64::from(histories[index][6]);
+                assert!((confidence - ages[index].confidence).abs() < 0.01, "{place:?}: {confidence}");
                 assert!((found.half_shadow - twin.half_shadow).abs() < 0.52, "{place:?}: {found:?} {twin:?}");
                 compared += 1;
                 carried += usize::from(ages[index].ages[0] > 3.0);
@@ -245,6 +247,7 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
                 fast: h[2].into(),
                 slow: h[3].into(),
                 variance: h[4].into(),
+                confidence: h[6].into(),
             });
             let kept_samples = found_samples.into_iter().zip(&histories).map(|(sample, h)| Sample {
                 half_shadow: if h[0] > 0.0 { f64::from(h[5]) } else { sample.half_shadow },

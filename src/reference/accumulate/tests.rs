@@ -187,7 +187,11 @@ fn a_surface_that_turns_holds_less() {
             sample.motion = Motion::Whole(place * DMat4::from_rotation_y(angle) * place.inverse());
         });
         let mut kept = Kept { view, samples: fresh.clone(), histories: Vec::new() };
-        kept.histories = vec![History { ages: [30.0; 2], fast: 3.0, slow: 3.0, variance: 0.1 }; fresh.len()];
+        kept.histories =
+            vec![
+                History { ages: [30.0; 2], fast: 3.0, slow: 3.0, variance: 0.1, confidence: 0.0 };
+                fresh.len()
+            ];
         let (_, histories) = accumulate(&view, &fresh, Some(&kept), None, &SETTINGS);
         let sum = histories.iter().map(|history| history.ages[0]).sum::<f64>();
         sum / histories.len() as f64

@@ -12,8 +12,9 @@ pub(super) const FEW: f64 = 0.01;
 /// Share of a pixel's samples from which on they say that it does.
 const IN_HALF_SHADOW: f64 = 0.05;
 const POINTS: u32 = 32;
-/// So many of them first, those farthest out.
+/// So many of them first, from all over the ellipse.
 const FIRST_POINTS: u32 = 12;
+const STRIDE: u32 = 9;
 const GOLDEN_ANGLE: f64 = 2.399_963_2;
 /// Pixels.
 const WIDEST: f64 = 32.0;
@@ -54,10 +55,11 @@ impl Guided<'_> {
         let turn = at[0].wrapping_mul(3_242_174_889).wrapping_add(at[1].wrapping_mul(2_447_445_414)) >> 8;
         let turn = f64::from(turn) / f64::from(1 << 24) * TAU;
         let (mut seen, mut sum) = (0.0, 0.0);
-        for i in (0..POINTS).rev() {
-            if i == POINTS - 1 - FIRST_POINTS && seen == sum * centre {
+        for k in 0..POINTS {
+            if k == FIRST_POINTS && seen == sum * centre {
                 return centre;
             }
+            let i = POINTS - 1 - k * STRIDE % POINTS;
             let out = ((f64::from(i) + 0.5) / f64::from(POINTS)).sqrt();
             let (sin, cos) = (turn + f64::from(i) * GOLDEN_ANGLE).sin_cos();
             let place =
