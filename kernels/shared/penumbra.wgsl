@@ -10,10 +10,11 @@
 const IN_HALF_SHADOW = 0.05;
 // Pixels that are asked, on a spiral of equal areas (Vogel 1979), which each pixel turns by an angle of its own.
 const PENUMBRA_POINTS = 32u;
-// So many of them first, from all over the ellipse: where all see what the pixel itself does, the others are not asked.
+// So many of them first: where all see what the pixel itself does, the others are not asked. Nine are those farthest out, then
+// come all others in strides.
 const FIRST_POINTS = 12u;
-// What takes each of them in turn, those farthest out among the first.
-const POINT_STRIDE = 9u;
+const OUTER_POINTS = 9u;
+const POINT_STRIDE = 7u;
 const GOLDEN_ANGLE = 2.3999632;
 // Pixels by which the ellipse reaches out at most, and below which the shadow's edge is as good.
 const WIDEST_PENUMBRA = 32.0;
@@ -71,7 +72,8 @@ fn seen_of_sun(surface: Surface, centre: f32, distance: f32) -> f32 {
         if k == FIRST_POINTS && seen == sum * centre {
             return centre;
         }
-        let i = PENUMBRA_POINTS - 1u - k * POINT_STRIDE % PENUMBRA_POINTS;
+        let inner = PENUMBRA_POINTS - OUTER_POINTS;
+        let i = select(inner - 1u - (k - OUTER_POINTS) * POINT_STRIDE % inner, PENUMBRA_POINTS - 1u - k, k < OUTER_POINTS);
         let out = sqrt((f32(i) + 0.5) / f32(PENUMBRA_POINTS));
         let angle = turn + f32(i) * GOLDEN_ANGLE;
         let way = out * (cos(angle) * first + sin(angle) * second);

@@ -12,9 +12,10 @@ pub(super) const FEW: f64 = 0.01;
 /// Share of a pixel's samples from which on they say that it does.
 const IN_HALF_SHADOW: f64 = 0.05;
 const POINTS: u32 = 32;
-/// So many of them first, from all over the ellipse.
+/// So many of them first: those farthest out, and some of the others.
 const FIRST_POINTS: u32 = 12;
-const STRIDE: u32 = 9;
+const OUTER_POINTS: u32 = 9;
+const STRIDE: u32 = 7;
 const GOLDEN_ANGLE: f64 = 2.399_963_2;
 /// Pixels.
 const WIDEST: f64 = 32.0;
@@ -59,7 +60,11 @@ impl Guided<'_> {
             if k == FIRST_POINTS && seen == sum * centre {
                 return centre;
             }
-            let i = POINTS - 1 - k * STRIDE % POINTS;
+            let inner = POINTS - OUTER_POINTS;
+            let i = match k.checked_sub(OUTER_POINTS) {
+                None => POINTS - 1 - k,
+                Some(k) => inner - 1 - k * STRIDE % inner,
+            };
             let out = ((f64::from(i) + 0.5) / f64::from(POINTS)).sqrt();
             let (sin, cos) = (turn + f64::from(i) * GOLDEN_ANGLE).sin_cos();
             let place =
