@@ -57,8 +57,7 @@ fn main() {
         let usable: Vec<usize> = (0..right.1.len()).filter(|&index| right.1[index].depth > 0.0).collect();
         let (_, histories) = accumulate(&right.0, &right.1, None, Some(&other), &SETTINGS);
         let lent: Vec<f64> = usable.iter().map(|&index| histories[index].ages[0] - 1.0).collect();
-        let outside =
-            usable.iter().filter(|&&index| lent_nowhere(&right.0, &left.0, &right.1[index])).count();
+        let outside = usable.iter().filter(|&&index| is_outside(&right.0, &left.0, &right.1[index])).count();
         let count = usable.len() as f64;
         println!(
             "| {} | {} | {:.1} % | {:.2} | {:.1} % |",
@@ -100,7 +99,7 @@ fn seen(tracer: &Tracer, view: &View, count: usize) -> Vec<Sample> {
             specular: DVec3::ZERO,
             depth: hit.map_or(0.0, |hit| hit.t * ray.direction.dot(ahead)),
             normal: surface.as_ref().map_or(DVec3::Z, |surface| surface.horizon),
-            half_shadow: 0.0,
+            blocker: 0.0,
             sun_centre: true,
             roughness: surface.as_ref().map_or(1.0, |surface| surface.roughness),
             motion: Motion::Still,
@@ -110,7 +109,7 @@ fn seen(tracer: &Tracer, view: &View, count: usize) -> Vec<Sample> {
 }
 
 /// Whether a sample's surface point lies outside the other eye's picture.
-fn lent_nowhere(view: &View, other: &View, sample: &Sample) -> bool {
+fn is_outside(view: &View, other: &View, sample: &Sample) -> bool {
     let pixel = DVec2::new(f64::from(sample.at[0]), f64::from(sample.at[1])) + 0.5;
     let point = view.world_from_eye.rotation * view.eye_direction(pixel) * sample.depth;
     let there = point + view.world_from_eye.position - other.world_from_eye.position;

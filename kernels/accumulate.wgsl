@@ -64,7 +64,7 @@ struct History {
     slow: f32,
     variance: f32,
     // How far what hides a part of the sun's disc is, as SampleRecord has it; 0 where that was never known.
-    half_shadow: f32,
+    blocker: f32,
     // How lately it was found there: 1 in this frame.
     confidence: f32,
     padding: f32,
@@ -120,7 +120,7 @@ const FEW = 5.0;
 const OTHER_SIDE = 0.02;
 // Share of what was found on the same side from which on it counts in full: a shadow has come or gone where there is less.
 const ENOUGH_ON_SIDE = 0.25;
-// What a half-shadow that is not found again is trusted less from frame to frame, and how little ends it: after 15 frames, and
+// What a penumbra that is not found again is trusted less from frame to frame, and how little ends it: after 15 frames, and
 // over some samples beside those that have found it.
 const CONFIDENCE_KEPT = 0.9;
 const LEAST_CONFIDENCE = 0.2;
@@ -264,7 +264,7 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         let same_side = select(0.0, near, is_same_side);
         same_sum += same_side;
         let known = near * history.confidence;
-        found.history.half_shadow += known * history.half_shadow;
+        found.history.blocker += known * history.blocker;
         known_sum += known;
         sum += near;
         found.weight += weight;
@@ -284,7 +284,7 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
     found.history.fast *= scale;
     found.history.slow *= scale;
     found.history.variance *= scale;
-    found.history.half_shadow = select(0.0, found.history.half_shadow / known_sum, known_sum > 0.0);
+    found.history.blocker = select(0.0, found.history.blocker / known_sum, known_sum > 0.0);
     found.history.confidence = known_sum / sum;
     return found;
 }
@@ -445,7 +445,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let confidence = CONFIDENCE_KEPT * history.confidence;
     let is_kept = history.diffuse_age > 0.0 && confidence > LEAST_CONFIDENCE;
     let kept_confidence = select(0.0, confidence, is_kept);
-    let kept_shadow = select(0.0, history.half_shadow, is_kept);
+    let kept_shadow = select(0.0, history.blocker, is_kept);
     let mixed_shadow = mix(kept_shadow, own_shadow, 1.0 / diffuse_age);
     let shadow = select(max(own_shadow, kept_shadow), mixed_shadow, own_shadow > 0.0 && kept_shadow > 0.0);
     let light = (bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / (1.0 + lent.weight);

@@ -32,8 +32,8 @@ var<immediate> parameters: Parameters;
 // [neighbour][sample]: indices, nearest first.
 @group(0) @binding(4) var<storage, read> nearest: array<u32>;
 
-// Share of a sample's neighbours on its surface that must see a part of the sun's disc for it to lie in a half-shadow.
-const FEW_HALF_SHADOWS = 0.01;
+// Share of a sample's neighbours on its surface that must see a part of the sun's disc for it to lie in a penumbra.
+const FEW_IN_PENUMBRA = 0.01;
 // Where light comes from, where that is not known.
 const NOWHERE = vec3(0u);
 
@@ -165,21 +165,21 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
             blue += weight.z * unpack_toward(other.toward.z);
             toward_sum += weight;
         }
-        let half_shadow = other.normal >> 25u;
-        let shadow_weight = select(0.0, first_weight, half_shadow > 0u);
-        shadow += shadow_weight * f32(half_shadow);
+        let blocker = other.normal >> 25u;
+        let shadow_weight = select(0.0, first_weight, blocker > 0u);
+        shadow += shadow_weight * f32(blocker);
         shadow_sum += shadow_weight;
     }
     let found = first_sum > 0.0;
     let depth = select(own.depth, select(0.0, -1.0, found), hole);
     first = select(vec3(0.0), first / first_sum, found);
     second = select(vec3(0.0), second / second_sum, second_sum.x > 0.0);
-    let half_shadow = u32(round(select(0.0, shadow / shadow_sum, shadow_sum > FEW_HALF_SHADOWS * first_sum)));
+    let blocker = u32(round(select(0.0, shadow / shadow_sum, shadow_sum > FEW_IN_PENUMBRA * first_sum)));
     var toward = NOWHERE;
     if own.toward.x != 0u && !hole {
         let scale = vec3(1.0) / max(toward_sum, vec3(1e-30));
         // Never 0, which is for those that have none.
         toward = vec3(pack_toward(red * scale.x) | IS_MAPPED, pack_toward(green * scale.y), pack_toward(blue * scale.z));
     }
-    keep(id.x, first, depth, second, expects, normal, half_shadow << 1u | sun_centre, toward);
+    keep(id.x, first, depth, second, expects, normal, blocker << 1u | sun_centre, toward);
 }

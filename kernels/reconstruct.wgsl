@@ -186,9 +186,9 @@ fn add(light: ptr<function, Light>, surface: Surface, index: u32, by_distance: f
     (*light).second += second_weight * unpack_emission(sample.y);
     (*light).second_sum += second_weight;
     (*light).own += by_distance * own;
-    let half_shadow = sample.w >> 25u;
-    let shadow_weight = select(0.0, by_distance * own, half_shadow > 0u);
-    (*light).shadow += shadow_weight * f32(half_shadow);
+    let blocker = sample.w >> 25u;
+    let shadow_weight = select(0.0, by_distance * own, blocker > 0u);
+    (*light).shadow += shadow_weight * f32(blocker);
     (*light).shadow_sum += shadow_weight;
 }
 
@@ -344,8 +344,8 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, stride: u32) -> vec3
     let specular = max(mix(vec3(0.04), base, metalness), vec3(LEAST_F0));
     let diffuse = base * (1.0 - metalness);
     var visible = f32(record.normal >> 31u);
-    if light.shadow_sum > IN_HALF_SHADOW * light.own && !has_sunlight(record) {
-        visible = seen_of_sun(surface, visible, exp2((light.shadow / light.shadow_sum - f32(HALF_SHADOW_METRE)) / f32(HALF_SHADOW_STEPS)));
+    if light.shadow_sum > IN_PENUMBRA * light.own && !has_sunlight(record) {
+        visible = seen_of_sun(surface, visible, exp2((light.shadow / light.shadow_sum - f32(BLOCKER_METRE)) / f32(BLOCKER_STEPS)));
     }
     let reflected = diffuse * first + specular * mirrored(record, second, light.second_sum > 0.0);
     return reflected + sunlight(record, visible, surface, diffuse, specular) + emission;

@@ -288,7 +288,7 @@ static void find_sun(const Scene *scene, const Shading *shading, const Sample *s
 
 // How far what hides a part of the sun's disc from a sample is, as SampleRecord has it; 0 where all or nothing is hidden.
 // `seen`: the rays that see the sun; `centre`: whether the pixel's own one does.
-static uint half_shadow(const Scene *scene, const Shading *shading, const Sample *sample, const TraversalState *w, uint seen, bool centre,
+static uint blocker_code(const Scene *scene, const Shading *shading, const Sample *sample, const TraversalState *w, uint seen, bool centre,
                         uint *rays)
 {
     uint hidden = w->mask & ~seen;
@@ -302,7 +302,7 @@ static uint half_shadow(const Scene *scene, const Shading *shading, const Sample
     ++*rays;
     if (!trace_ray(scene, w->origin, 0.0f, d, &t, &triangle, PASSED, w->seed))
         return 0u;
-    return (uint)clamp((float)HALF_SHADOW_STEPS * log2(t) + (float)HALF_SHADOW_METRE + 0.5f, 1.0f, 127.0f);
+    return (uint)clamp((float)BLOCKER_STEPS * log2(t) + (float)BLOCKER_METRE + 0.5f, 1.0f, 127.0f);
 }
 #endif
 
@@ -469,7 +469,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
                 continue;
             uint at = samples[mine[k].index];
             uint centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31;
-            uint away = half_shadow(&scene, &shading, &mine[k], &states[k], seen[k], centre != 0u, &rays);
+            uint away = blocker_code(&scene, &shading, &mine[k], &states[k], seen[k], centre != 0u, &rays);
             mine[k].normal |= (away << 1 | centre) << 24;
             rays += towards_sun;
         }

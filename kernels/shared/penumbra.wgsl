@@ -1,4 +1,4 @@
-// Half-shadows of the sun. What hides a part of its disc from a point hides its centre from points around, and the other way
+// Penumbras of the sun. What hides a part of its disc from a point hides its centre from points around, and the other way
 // round: seen from the point's surface, the disc's shadow is the disc itself, as large as it is at the distance of what
 // hides it. So what a pixel sees of the sun is the mean, over that ellipse in the picture, of which pixels see its
 // centre, which each knows exactly: without noise, and as wide as blockers are far (as in Fernando 2005, "Percentage-closer
@@ -6,8 +6,8 @@
 //
 // A shader that includes this has `parameters`, `spacing`, `visibility`, `place_in_band` and `Surface`.
 
-// Share of a pixel's samples from which on they say that it lies in a half-shadow.
-const IN_HALF_SHADOW = 0.05;
+// Share of a pixel's samples from which on they say that it lies in a penumbra.
+const IN_PENUMBRA = 0.05;
 // Pixels that are asked, on a spiral of equal areas (Vogel 1979), which each pixel turns by an angle of its own.
 const PENUMBRA_POINTS = 32u;
 // So many of them first: where all see what the pixel itself does, the others are not asked. Nine are those farthest out, then
@@ -32,8 +32,8 @@ fn has_sunlight(record: VisibilityRecord) -> bool {
 // By how many pixels of the view what lies at a pixel's surface point is seen elsewhere if it moves by a small way.
 fn pixels_of(surface: Surface, way: vec3<f32>) -> vec2<f32> {
     let rays = parameters.rays;
-    let depth = dot(surface.point, surface.point) / dot(surface.point, ray_of(surface.at));
     let ray = ray_of(surface.at);
+    let depth = dot(surface.point, ray) / dot(ray, ray);
     let beside = cross(rays.down.xyz, ray);
     let volume = depth * dot(rays.across.xyz, beside);
     let moved = vec2(dot(way, beside), dot(way, cross(ray, rays.across.xyz))) / volume;

@@ -6,7 +6,7 @@
 // pixel, in beams: the rays of a block of pixels are parallel, so boxes and triangles are tested against the whole
 // beam first, and what crosses it meets the rays, sixteen at a time. Shadows are then as sharp as the picture; found
 // from samples, and averaged with their neighbours, they were blurred over a dozen pixels and cost 3 dB. The rays aim
-// at the sun's centre. Half-shadows are made of what pixels around a pixel see of it, as wide as samples say by how far what
+// at the sun's centre. Penumbras are made of what pixels around a pixel see of it, as wide as samples say by how far what
 // hides a part of the sun is: see penumbra.wgsl. On a surface with a normal map that
 // sees the sun the record's place for emitted light holds the normal with its map, which the sun's light needs; a
 // surface that also emits light keeps the vertices' normal there.

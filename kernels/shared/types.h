@@ -226,8 +226,8 @@ typedef struct {
 #define SURFACE_MOTION 0xff000000u
 #define SURFACE_MOVES 0x1000000u
 #define SURFACE_MOVER 0x19u
-#define HALF_SHADOW_STEPS 0x6u
-#define HALF_SHADOW_METRE 0x31u
+#define BLOCKER_STEPS 0x6u
+#define BLOCKER_METRE 0x31u
 #define UNTRACED 0xfffffffeu
 #define SUN_VISIBLE 0x80000000u
 #define CACHE_CELLS 0x40000u

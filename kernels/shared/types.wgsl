@@ -20,7 +20,7 @@ struct VisibilityRecord {
 
 const SURFACE_MOVES = 0x1000000u;
 const SURFACE_MOVER = 0x19u;
-const HALF_SHADOW_STEPS = 0x6u;
-const HALF_SHADOW_METRE = 0x31u;
+const BLOCKER_STEPS = 0x6u;
+const BLOCKER_METRE = 0x31u;
 const SUN_VISIBLE = 0x80000000u;
 const IS_MAPPED = 0x40000000u;

@@ -11,8 +11,8 @@ pub(super) fn named() -> [(&'static str, u32); 28] {
         ("SURFACE_MOTION", SURFACE_MOTION),
         ("SURFACE_MOVES", SURFACE_MOVES),
         ("SURFACE_MOVER", SURFACE_MOVER),
-        ("HALF_SHADOW_STEPS", HALF_SHADOW_STEPS),
-        ("HALF_SHADOW_METRE", HALF_SHADOW_METRE),
+        ("BLOCKER_STEPS", BLOCKER_STEPS),
+        ("BLOCKER_METRE", BLOCKER_METRE),
         ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
@@ -60,9 +60,9 @@ pub const UNTRACED: u32 = u32::MAX - 1;
 /// In [`super::VisibilityRecord::normal`]: the sun's centre is visible.
 pub const SUN_VISIBLE: u32 = 1 << 31;
 /// In [`super::SampleRecord::normal`]: codes of a distance for each doubling.
-pub const HALF_SHADOW_STEPS: u32 = 6;
+pub const BLOCKER_STEPS: u32 = 6;
 /// In [`super::SampleRecord::normal`]: the code of a metre.
-pub const HALF_SHADOW_METRE: u32 = 49;
+pub const BLOCKER_METRE: u32 = 49;
 /// Cells of the cache of light.
 pub const CACHE_CELLS: u32 = 1 << 18;
 /// The seed with which what is seen is every BLEND surface, instead of some by chance.

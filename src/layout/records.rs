@@ -23,7 +23,7 @@ pub struct SampleRecord {
     /// World-space normal interpolated between vertices, without the normal map, on the viewer's side:
     /// octahedral, two 12-bit snorms in the low 24 bits. In the high byte, with a sun and guided
     /// reconstruction: bit 0 whether the sun's centre is seen, and in the other seven, where a part of its disc is hidden, how far
-    /// away what hides it is: [`super::HALF_SHADOW_STEPS`] for each doubling, [`super::HALF_SHADOW_METRE`] at a metre. Elsewhere 0.
+    /// away what hides it is: [`super::BLOCKER_STEPS`] for each doubling, [`super::BLOCKER_METRE`] at a metre. Elsewhere 0.
     pub normal: u32,
     /// On a surface with a normal map, with guided reconstruction, for red, green and blue: the mean of the directions
     /// from which such light comes, as three 10-bit snorms, x in the low bits; and [`super::IS_MAPPED`] in the first. `first`

@@ -5,7 +5,7 @@
 //! frame's view; the samples nearest to that pixel which agree in normal and plane are averaged by distance,
 //! and the new estimate joins their mean, which holds `time.frames` estimates at most. Demodulated diffuse
 //! and specular light have ages of their own: the latter loses history as the reflected direction turns
-//! relative to the lobe's width. How far what hides a part of the sun is, which makes half-shadows, is carried for some
+//! relative to the lobe's width. How far what hides a part of the sun is, which makes penumbras, is carried for some
 //! frames after it was found. The other eye lends what it has just traced, not what it has accumulated, so no estimate
 //! counts twice. Changes of light are told from noise by the mean brightness of twelve neighbours: where its
 //! quick mean leaves its slow one by more than three standard deviations and three hundredths, all estimates

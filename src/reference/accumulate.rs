@@ -38,7 +38,7 @@ pub const OTHER_SIDE: f64 = 0.02;
 pub const ENOUGH_ON_SIDE: f64 = 0.25;
 /// Square of a distance in pixels that counts as none.
 pub const SAME_PLACE: f64 = 0.01;
-/// What a half-shadow that is not found again is trusted less from frame to frame, and how little ends it.
+/// What a penumbra that is not found again is trusted less from frame to frame, and how little ends it.
 const CONFIDENCE_KEPT: f64 = 0.9;
 const LEAST_CONFIDENCE: f64 = 0.2;
 
@@ -57,7 +57,7 @@ pub struct Sample {
     pub normal: DVec3,
     /// How far what hides a part of the sun's disc is, as [`crate::layout::SampleRecord::normal`] has it; 0 where that is not
     /// known.
-    pub half_shadow: f64,
+    pub blocker: f64,
     /// Whether the sun's centre is seen.
     pub sun_centre: bool,
     /// The surface's perceptual roughness, 0 to 1.
@@ -96,7 +96,7 @@ pub struct History {
     pub slow: f64,
     /// See `fast`.
     pub variance: f64,
-    /// How lately the half-shadow was found: 1 in this frame.
+    /// How lately the penumbra was found: 1 in this frame.
     pub confidence: f64,
 }
 
@@ -179,19 +179,19 @@ fn one(
     let confidence = CONFIDENCE_KEPT * history.confidence;
     let is_kept = history.ages[0] > 0.0 && confidence > LEAST_CONFIDENCE;
     let kept_shadow = if is_kept { found.2 } else { 0.0 };
-    history.confidence = match (sample.half_shadow > 0.0, is_kept) {
+    history.confidence = match (sample.blocker > 0.0, is_kept) {
         (true, _) => 1.0,
         (false, true) => confidence,
         (false, false) => 0.0,
     };
-    let half_shadow = match (sample.half_shadow > 0.0, kept_shadow > 0.0) {
-        (true, true) => kept_shadow + (sample.half_shadow - kept_shadow) / ages[0],
-        _ => sample.half_shadow.max(kept_shadow),
+    let blocker = match (sample.blocker > 0.0, kept_shadow > 0.0) {
+        (true, true) => kept_shadow + (sample.blocker - kept_shadow) / ages[0],
+        _ => sample.blocker.max(kept_shadow),
     };
     let mixed = Sample {
         diffuse: found.0.lerp(light, ((1.0 + lent_weight) / ages[0]).min(1.0)),
         specular: found.1.lerp(gloss, ((1.0 + lent_gloss_weight) / ages[1]).min(1.0)),
-        half_shadow,
+        blocker,
         ..sample
     };
     (mixed, History { ages, ..history })
@@ -337,7 +337,7 @@ fn look_back(kept: &Kept, view: &View, sample: &Sample, past: &Before, settings:
     let side_sum: f64 = found.iter().filter(on_side).map(|(.., weight)| weight).sum();
     let (known, shadow) = found.iter().fold((0.0, 0.0), |(known, sum), &(index, _, weight)| {
         let weight = weight * kept.histories[index].confidence;
-        (known + weight, sum + weight * kept.samples[index].half_shadow)
+        (known + weight, sum + weight * kept.samples[index].blocker)
     });
     let shadow = if known > 0.0 { shadow / known } else { 0.0 };
     let weighed = |&(index, agree, weight): &(usize, f64, f64)| {

@@ -46,7 +46,7 @@ pub struct Prepared {
     /// World-space normal without its map.
     pub normal: DVec3,
     /// How far what hides a part of the sun's disc is, as [`SampleRecord::normal`] has it; 0 where nothing does.
-    pub half_shadow: f64,
+    pub blocker: f64,
     /// Mean directions of red, green and blue light, where they are known.
     pub toward: Option<[DVec3; 3]>,
 }
@@ -216,11 +216,7 @@ impl Guided<'_> {
                 (true, false) => 0.0,
             },
             normal,
-            half_shadow: if shadow_sum > penumbra::FEW * first_sum {
-                (shadow / shadow_sum).round()
-            } else {
-                0.0
-            },
+            blocker: if shadow_sum > penumbra::FEW * first_sum { (shadow / shadow_sum).round() } else { 0.0 },
             toward: toward(own.toward)
                 .filter(|_| !hole)
                 .map(|_| [0, 1, 2].map(|c| directions[c] / direction_sum[c].max(1e-30))),
@@ -277,8 +273,8 @@ impl Guided<'_> {
             light.second += sample.second * weight;
             light.second_sum += weight;
         }
-        if sample.half_shadow > 0.0 {
-            light.shadow += near * own * sample.half_shadow;
+        if sample.blocker > 0.0 {
+            light.shadow += near * own * sample.blocker;
             light.shadow_sum += near * own;
         }
     }

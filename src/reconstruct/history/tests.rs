@@ -90,7 +90,7 @@ fn as_reference(record: &SampleRecord, packed: u32) -> Sample {
         specular: color(record.second),
         depth: f64::from(record.depth),
         normal: DVec3::from(crate::layout::unpack_normal24(record.normal).map(f64::from)),
-        half_shadow: f64::from(record.normal >> 25),
+        blocker: f64::from(record.normal >> 25),
         sun_centre: record.normal >> 24 & 1 == 1,
         roughness: 1.0,
         motion: Motion::Still,
@@ -234,7 +234,7 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
                 assert!((found.specular - twin.specular).length() < 0.01, "{place:?}: {found:?} {twin:?}");
                 let confidence = f64::from(histories[index][6]);
                 assert!((confidence - ages[index].confidence).abs() < 0.01, "{place:?}: {confidence}");
-                assert!((found.half_shadow - twin.half_shadow).abs() < 0.52, "{place:?}: {found:?} {twin:?}");
+                assert!((found.blocker - twin.blocker).abs() < 0.52, "{place:?}: {found:?} {twin:?}");
                 compared += 1;
                 carried += usize::from(ages[index].ages[0] > 3.0);
                 let moves = matches!(twin.motion, Motion::Whole(_));
@@ -250,7 +250,7 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
                 confidence: h[6].into(),
             });
             let kept_samples = found_samples.into_iter().zip(&histories).map(|(sample, h)| Sample {
-                half_shadow: if h[0] > 0.0 { f64::from(h[5]) } else { sample.half_shadow },
+                blocker: if h[0] > 0.0 { f64::from(h[5]) } else { sample.blocker },
                 ..sample
             });
             kept[eye_index] = Some(accumulate::Kept {

@@ -35,7 +35,7 @@ fn wall(view: &View, light: impl Fn(DVec3) -> f64) -> Vec<Sample> {
                 specular,
                 depth,
                 normal: DVec3::Z,
-                half_shadow: 0.0,
+                blocker: 0.0,
                 sun_centre: true,
                 roughness: 1.0,
                 motion: Motion::Still,

@@ -1,16 +1,16 @@
-//! Half-shadows of the sun: `kernels/shared/penumbra.wgsl`.
+//! Penumbras of the sun: `kernels/shared/penumbra.wgsl`.
 
 use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
 
 use super::{Guided, Light, Surface};
-use crate::layout::{HALF_SHADOW_METRE, HALF_SHADOW_STEPS, VisibilityRecord};
+use crate::layout::{BLOCKER_METRE, BLOCKER_STEPS, VisibilityRecord};
 
-/// Share of a sample's neighbours that must see a part of the sun's disc for it to lie in a half-shadow.
+/// Share of a sample's neighbours that must see a part of the sun's disc for it to lie in a penumbra.
 pub(super) const FEW: f64 = 0.01;
 /// Share of a pixel's samples from which on they say that it does.
-const IN_HALF_SHADOW: f64 = 0.05;
+const IN_PENUMBRA: f64 = 0.05;
 const POINTS: u32 = 32;
 /// So many of them first: those farthest out, and some of the others.
 const FIRST_POINTS: u32 = 12;
@@ -21,7 +21,7 @@ const GOLDEN_ANGLE: f64 = 2.399_963_2;
 const WIDEST: f64 = 32.0;
 const LEAST: f64 = 0.75;
 const LEAST_SLOPE: f64 = 0.1;
-/// Exponents of 2 in the shader.
+/// Agreement, 0 to 1, from which on a pixel counts as of the same surface.
 const SAME_SURFACE: f64 = 0.5;
 
 fn has_sunlight(record: &VisibilityRecord) -> bool {
@@ -34,11 +34,11 @@ impl Guided<'_> {
         let record = self.record(at);
         let centre = f64::from(record.normal >> 31);
         let Some(sun) = &self.sun else { return centre };
-        if light.shadow_sum <= IN_HALF_SHADOW * light.own || has_sunlight(record) {
+        if light.shadow_sum <= IN_PENUMBRA * light.own || has_sunlight(record) {
             return centre;
         }
         let code = light.shadow / light.shadow_sum;
-        let distance = ((code - f64::from(HALF_SHADOW_METRE)) / f64::from(HALF_SHADOW_STEPS)).exp2();
+        let distance = ((code - f64::from(BLOCKER_METRE)) / f64::from(BLOCKER_STEPS)).exp2();
         // Twice the sine of half the sun's angular radius.
         let radius = distance * 2.0 * (0.5 * (1.0 - f64::from(sun.cos_radius))).sqrt();
         let towards = sun.direction.as_dvec3();

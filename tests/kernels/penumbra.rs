@@ -1,4 +1,4 @@
-//! Half-shadows of the sun in guided pictures: how much of its disc pixels see beside a straight edge, which is known exactly.
+//! Penumbras of the sun in guided pictures: how much of its disc pixels see beside a straight edge, which is known exactly.
 
 use std::f64::consts::PI;
 
@@ -75,7 +75,7 @@ fn segment(offset: f64) -> f64 {
 }
 
 #[test]
-fn half_shadows_are_as_wide_as_the_sun() {
+fn penumbras_are_as_wide_as_the_sun() {
     on_every_device(|device| {
         for (height, towards, rays, traversal) in [
             (2.0, Vec3::new(0.2, 1.0, 0.1), 32, Traversal::Packet),
@@ -110,7 +110,7 @@ fn half_shadows_are_as_wide_as_the_sun() {
             println!(
                 "{height} m, {rays} rays, {traversal:?}: {partly} pixels, off by {root:.3}, {mean:.3} in the mean, {worst:.2} at most"
             );
-            assert!(partly > 500, "{partly} pixels in the half-shadow");
+            assert!(partly > 500, "{partly} pixels in the penumbra");
             assert!(root < 0.045 && mean.abs() < 0.02 && worst < 0.4, "{root} {mean} {worst}");
         }
     });
