@@ -2,17 +2,24 @@
 //!
 //! The gaze jumps from point to point, as eyes do. For each jump the pattern is made anew, and its neighbours are
 //! found on the presenting device. Prints the medians in a table in Markdown: `pattern` on the host, then the
-//! stages on the device, in milliseconds; `all` is from the jump until all is found.
+//! stages on the device, in milliseconds; `all` is from the jump until all is found. Then whole frames with the
+//! default settings while the gaze goes around a circle, held for two frames at each point, and the head sways: what frames
+//! with a new gaze take, and those after them with the same one; least, and medians in brackets.
 
 use std::time::Instant;
 
+use foveate::config::{Config, Stereo};
 use foveate::foveation::{Law, Pattern};
+use foveate::frame::stereo::parallel_eyes;
+use foveate::frame::{Loaded, Output, Plan, Renderer};
+use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::metrics::stats::median;
 use foveate::reconstruct::{Mode, Reconstruction, Settings};
-use glam::DVec2;
+use foveate::scene::{default_viewpoint, generate};
+use glam::{DQuat, DVec2, DVec3};
 
 /// Where the eye looks, one after the other.
 const GAZES: [[f64; 2]; 3] = [[0.5, 0.5], [0.2, 0.7], [0.9, 0.1]];
@@ -39,6 +46,47 @@ fn main() {
         let name = if law == Law::default() { "" } else { ", log-polar" };
         println!("| {}x{}{name} | {count} | {method} | {row} |", size.0, size.1);
     }
+    println!("\n| two eyes, demo | frame, gaze held | frame, new gaze | of it the pattern |");
+    println!("| --- | --- | --- | --- |");
+    let loaded = Loaded::from_glb("demo", &generate::demo::generate(), &Config::default()).expect("the demo");
+    for size in [(320, 300), (640, 800)] {
+        println!("| {}x{} each | {} |", size.0, size.1, frames(&context, &loaded, size, repeats));
+    }
+}
+
+/// Whole frames, with the gaze held and new: their times in milliseconds, and what patterns take.
+fn frames(context: &Context, loaded: &Loaded, (width, height): (u32, u32), repeats: usize) -> String {
+    let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
+    let device = Device::open(&info).expect("the OpenCL device");
+    let (config, output) = (Config::default(), Output::Display);
+    let mut renderer = Renderer::new(&device, context, loaded, &config, output).expect("a renderer").0;
+    let fov = FieldOfView::symmetric(1.5, f64::from(width) / f64::from(height));
+    let rest = default_viewpoint(&loaded.scene, 70.0).world_from_eye;
+    let (mut held, mut new, mut pattern) = (Vec::new(), Vec::new(), Vec::new());
+    for frame in 0..repeats * 8 + 4 {
+        let angle = (frame / 2) as f64 * 0.15;
+        let gaze = DVec2::splat(0.5) + DVec2::from_angle(angle) * 0.12;
+        // Heads are never quite at rest.
+        let sway = DQuat::from_rotation_y(0.002 * (frame as f64 * 0.9).sin());
+        let head = rest.then(Pose::new(sway, DVec3::ZERO));
+        let eyes = parallel_eyes(head, 0.063, fov, width, height);
+        let plan = Plan::stereo(eyes, Stereo::PerEye).expect("two eyes");
+        let report = renderer.frame(&plan, &plan.gaze_points(gaze), frame as u32).expect("a frame");
+        if frame < 4 {
+            continue;
+        }
+        if frame % 2 == 0 {
+            new.push(report.frame_ms);
+            pattern.push(report.pattern_ms);
+        } else {
+            held.push(report.frame_ms);
+        }
+    }
+    let cell = |times: &[f64]| {
+        let least = times.iter().copied().fold(f64::INFINITY, f64::min);
+        format!("{least:.1} ({:.1})", median(times).unwrap_or(0.0))
+    };
+    [&held, &new, &pattern].map(|times| cell(times)).join(" | ")
 }
 
 /// The cells of one line.

@@ -1,12 +1,34 @@
 //! Orders that keep neighbours in the image near each other in a list.
 
 /// Interleaves the bits of x (even places) and y (odd places), four bits each.
-pub(super) fn morton_16x16(x: u32, y: u32) -> u32 {
-    let spread = |v: u32| {
-        let v = (v | v << 2) & 0x33;
-        (v | v << 1) & 0x55
-    };
-    spread(x & 15) | spread(y & 15) << 1
+const fn morton_16x16(x: u32, y: u32) -> u32 {
+    let (x, y) = ((x | x << 2) & 0x33, (y | y << 2) & 0x33);
+    ((x | x << 1) & 0x55) | ((y | y << 1) & 0x55) << 1
+}
+
+/// For each set of eight pixels of a row, bit x for pixel x, the bits of their Morton codes.
+const ROWS: [u64; 256] = {
+    let mut rows = [0; 256];
+    let mut set = 0;
+    while set < 256 {
+        let mut x = 0;
+        while x < 8 {
+            if set >> x & 1 == 1 {
+                rows[set] |= 1 << morton_16x16(x, 0);
+            }
+            x += 1;
+        }
+        set += 1;
+    }
+    rows
+};
+
+/// Marks those pixels of a row of 16 x 16, bit x for pixel x, by their Morton codes.
+pub(super) fn mark_row(codes: &mut [u64; 4], y: u32, pixels: u32) {
+    let code = morton_16x16(0, y);
+    for (half, set) in [pixels & 0xff, pixels >> 8 & 0xff].into_iter().enumerate() {
+        codes[code as usize / 64 + half] |= ROWS[set as usize] << (code % 64);
+    }
 }
 
 /// Undoes [`morton_16x16`].
@@ -74,8 +96,15 @@ mod tests {
                 let code = morton_16x16(x, y);
                 assert_eq!(from_morton_16x16(code), (x, y));
                 seen[code as usize] = true;
+                let mut codes = [0; 4];
+                mark_row(&mut codes, y, 1 << x);
+                let code = morton_16x16(x, y) as usize;
+                assert!((0..256).all(|bit| (codes[bit / 64] >> (bit % 64) & 1 == 1) == (bit == code)));
             }
         }
+        let mut codes = [0; 4];
+        (0..16).for_each(|y| mark_row(&mut codes, y, 0xffff));
+        assert_eq!(codes, [u64::MAX; 4]);
         assert!(seen.iter().all(|&s| s));
         assert_eq!((morton_16x16(1, 0), morton_16x16(0, 1), morton_16x16(2, 0)), (1, 2, 4));
     }

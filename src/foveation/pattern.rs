@@ -101,31 +101,32 @@ impl Pattern {
         assert!(view.width <= MAX_SIDE && view.height <= MAX_SIDE, "view is too large for a pattern");
         let (density, columns) = (Density::new(law, view, gaze), Columns::new(view));
         let mut keys = vec![0u32; view.pixels()];
-        let width = view.width as usize;
-        if width > 0 {
-            let rows = keys.par_chunks_exact_mut(width).enumerate();
-            rows.for_each_init(
-                || vec![0.0; width],
-                |densities, (y, keys)| {
-                    let (row, height) = columns.row(view, y);
-                    match lens {
-                        Some(lens) => density.row_through(lens, &columns.points, row, densities),
-                        None => density.row(&columns.points, row, densities),
-                    }
-                    columns.spread(height, densities);
-                    row_keys(y as u32, densities, keys);
-                    if let Some(hidden) = hidden {
-                        columns.hide(hidden, row, keys);
-                    }
-                },
-            );
-        }
-        let visible = match hidden {
-            Some(_) => keys.par_iter().filter(|&&key| key != HIDDEN).count(),
-            None => keys.len(),
+        let write_row = |y: usize, densities: &mut [f32], keys: &mut [u32]| {
+            let (row, height) = columns.row(view, y);
+            match lens {
+                Some(lens) => density.row_through(lens, &columns.points, row, densities),
+                None => density.row(&columns.points, row, densities),
+            }
+            columns.spread(height, densities);
+            row_keys(y as u32, densities, keys);
+            if let Some(hidden) = hidden {
+                columns.hide(hidden, row, keys);
+            }
         };
+        let width = (view.width as usize).max(1);
+        let rows = (view.height as usize).div_ceil(rayon::current_num_threads() * 4).max(1);
+        let bands = keys.par_chunks_mut(width * rows).enumerate().map(|(band, keys)| {
+            let (mut densities, mut histogram) = (vec![0.0; width], Histogram::default());
+            for (y, keys) in (band * rows..).zip(keys.chunks_exact_mut(width)) {
+                write_row(y, &mut densities, keys);
+                histogram.count(keys);
+            }
+            histogram
+        });
+        let histogram = bands.reduce_with(Histogram::joined).unwrap_or_default();
+        let visible = keys.len() - histogram.hidden();
         let count = if *law == Law::Full { visible } else { count.clamp(1, visible.max(1)).min(visible) };
-        Self::gather(view, &keys, Limit::of_smallest(&keys, count))
+        Self::gather(view, &keys, histogram.limit(&keys, count))
     }
 
     /// Lists the pixels within the limit tile by tile.
@@ -234,35 +235,55 @@ struct Limit {
     last: u32,
 }
 
-impl Limit {
-    /// The limit that holds for exactly `count` pixels.
-    fn of_smallest(keys: &[u32], count: usize) -> Limit {
-        const SHIFT: u32 = 16;
-        const BINS: usize = 1 << (32 - SHIFT);
+/// How many keys there are of each size: coarse enough for a core's nearest cache.
+struct Histogram(Vec<u32>);
+
+impl Default for Histogram {
+    fn default() -> Self {
+        Histogram(vec![0; 1 << (32 - Self::SHIFT)])
+    }
+}
+
+impl Histogram {
+    /// Bits of a key that a bin leaves open: an eighth of an octave.
+    const SHIFT: u32 = 20;
+
+    fn count(&mut self, keys: &[u32]) {
+        keys.iter().for_each(|key| self.0[(key >> Self::SHIFT) as usize] += 1);
+    }
+
+    fn joined(mut self, other: Self) -> Self {
+        self.0.iter_mut().zip(other.0).for_each(|(a, b)| *a += b);
+        self
+    }
+
+    /// Hidden pixels: no number has a key of the last bin.
+    fn hidden(&self) -> usize {
+        self.0.last().map_or(0, |&count| count as usize)
+    }
+
+    /// The limit that holds for exactly `count` of the keys that were counted.
+    fn limit(&self, keys: &[u32], count: usize) -> Limit {
         if count == 0 {
             return Limit { key: 0, last: 0 };
         }
-        let band = keys.len().div_ceil(rayon::current_num_threads() * 2).max(1 << 14);
-        let histogram = keys
-            .par_chunks(band)
-            .map(|keys| {
-                let mut bins = vec![0u32; BINS];
-                keys.iter().for_each(|key| bins[(key >> SHIFT) as usize] += 1);
-                bins
-            })
-            .reduce_with(|mut a, b| {
-                a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-                a
-            })
-            .unwrap_or_default();
         let (mut below, mut bin) = (0, 0);
-        while below + (histogram[bin] as usize) < count {
-            below += histogram[bin] as usize;
+        while below + (self.0[bin] as usize) < count {
+            below += self.0[bin] as usize;
             bin += 1;
         }
-        let in_bin = |&(_, &key): &(usize, &u32)| (key >> SHIFT) as usize == bin;
-        let pair = |(pixel, &key): (usize, &u32)| u64::from(key) << 32 | pixel as u64;
-        let mut candidates: Vec<u64> = keys.par_iter().enumerate().filter(in_bin).map(pair).collect();
+        let chunk = keys.len().div_ceil(rayon::current_num_threads() * 4).max(1 << 12);
+        let of_bin = |(index, keys): (usize, &[u32])| {
+            let mut found = Vec::new();
+            for (pixel, &key) in (index * chunk..).zip(keys) {
+                if (key >> Self::SHIFT) as usize == bin {
+                    found.push(u64::from(key) << 32 | pixel as u64);
+                }
+            }
+            found
+        };
+        let found: Vec<Vec<u64>> = keys.par_chunks(chunk).enumerate().map(of_bin).collect();
+        let mut candidates = found.concat();
         let (_, last, _) = candidates.select_nth_unstable(count - below - 1);
         Limit { key: (*last >> 32) as u32, last: *last as u32 }
     }
@@ -275,12 +296,7 @@ fn tile_samples(view: &View, keys: &[u32], limit: Limit, (tx, ty): (u32, u32), s
     let mut taken = [0u64; 4];
     for y in top..(top + TILE).min(view.height) {
         let start = y as usize * view.width as usize + left as usize;
-        for (x, &key) in keys[start..start + across].iter().enumerate() {
-            if key < limit.key || (key == limit.key && start + x <= limit.last as usize) {
-                let code = order::morton_16x16(x as u32, y - top);
-                taken[code as usize / 64] |= 1 << (code % 64);
-            }
-        }
+        order::mark_row(&mut taken, y - top, limit.row(start, &keys[start..start + across]));
     }
     for (word, mut bits) in (0..).zip(taken) {
         while bits != 0 {
@@ -288,6 +304,23 @@ fn tile_samples(view: &View, keys: &[u32], limit: Limit, (tx, ty): (u32, u32), s
             samples.push((left + x) | ((top + y) << 16));
             bits &= bits - 1;
         }
+    }
+}
+
+impl Limit {
+    /// Which of at most 16 pixels from index `start` on are samples: a bit each.
+    fn row(&self, start: usize, keys: &[u32]) -> u32 {
+        let (mut below, mut level) = (0u32, 0u32);
+        for (x, &key) in keys.iter().enumerate() {
+            below |= u32::from(key < self.key) << x;
+            level |= u32::from(key == self.key) << x;
+        }
+        if level != 0 {
+            // Of those with just this key, pixels up to the last.
+            let most = (self.last as usize + 1).saturating_sub(start).min(keys.len());
+            level &= (1 << most) - 1;
+        }
+        below | level
     }
 }
 

@@ -4,9 +4,10 @@
 //! gaze point for each view and a seed. For each view:
 //!
 //! - prepare_view (`src/foveation/spacing.rs`, `src/foveation/pattern.rs`, `src/reconstruct/tables.rs`): only
-//!   when gaze or view have changed: `spaced` makes the view's pixels wider where the eye resolves less
-//!   (guided; docs/foveation.md), `Pattern::new` chooses the pixels to sample, `Reconstruction::set_pattern`
-//!   has the nearest samples of each pixel and each sample found on the Vulkan device
+//!   when gaze or view have changed, for all views before any is traced: `spaced` makes the view's pixels wider
+//!   where the eye resolves less (guided; docs/foveation.md), `Pattern::new` chooses the pixels to sample,
+//!   `Reconstruction::set_pattern` has the nearest samples of each pixel and each sample found on the Vulkan
+//!   device, beside the first view's tracing
 //! - split (`Balancer::split` in `src/frame/balance/mod.rs`): each device gets a run of the samples, and of
 //!   the tiles under them
 //! - trace (`Scheduler::trace`, `Tracer::enqueue_parts`, `kernels/trace.cl`): all devices at once; guided:
@@ -174,6 +175,8 @@ impl Renderer {
         report.stages.motion = std::mem::take(&mut self.motion_ms);
         for (index, request) in requests.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, request)?;
+        }
+        for (index, request) in requests.iter().enumerate() {
             let view = self.view_of(index, request);
             self.trace(index, &view, seed, &mut report)?;
             if self.meter.stops().is_none() {
@@ -183,6 +186,8 @@ impl Renderer {
             self.reconstruct(index, &view, request, shown_from)?;
         }
         for index in 0..requests.len() {
+            let found = self.reconstruction.wait_pattern(index)?;
+            report.pattern_ms += found.iter().map(|stage| stage.ms).sum::<f64>();
             let stages = self.reconstruction.wait(index)?;
             report.stages.reconstruct += stages.iter().map(|stage| stage.ms).sum::<f64>();
             report.dropped += self.reconstruction.dropped(index);

@@ -54,7 +54,8 @@ impl ViewRequest<'_> {
 }
 
 impl Renderer {
-    /// Makes a new pattern where gaze or view have changed; tells how long that took.
+    /// Makes a new pattern where gaze or view have changed, and has its neighbours found while samples are traced; tells
+    /// how long the former took.
     pub(super) fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
         let key = request.key(self.law, self.samples, self.slope());
         if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
@@ -73,7 +74,6 @@ impl Renderer {
         };
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
         self.take_pattern(index, key, *view, pattern)?;
-        self.reconstruction.wait_pattern(index)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 

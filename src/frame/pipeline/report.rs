@@ -39,7 +39,8 @@ pub struct FrameReport {
     pub rays: u64,
     /// Samples dropped since their estimate was not finite.
     pub dropped: u32,
-    /// New sample patterns that the frame made, since gaze or view had changed: milliseconds.
+    /// New sample patterns that the frame made, since gaze or view had changed: milliseconds on the host, and of finding
+    /// neighbours on the presenting device, which goes on beside tracing.
     pub pattern_ms: f64,
     /// Wall time from start to finished pixels, with what bringing things that move to its instant took before.
     pub frame_ms: f64,
