@@ -31,6 +31,28 @@ __kernel void intersect_bundles(SCENE_PARAMETERS, __global const float *origins,
               CLOSEST_FRONT, 0u);
     hits[i] = hit;
 }
+
+#if COUNTED
+// What ray k of bundle i visits until it is done, 32 i + k: visited[..] nodes, and tests[COUNTED * ..] on triangles after
+// each of the first.
+__kernel void count_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
+                            uint nearest, __global uchar *tests, __global uint *visited)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i >= 32u * count)
+        return;
+    Walk walk;
+    walk.t_max = INFINITY;
+    walk.triangle = NONE;
+    begin_walk(&scene, &walk, gload3(origins + 3u * (i / 32u)), 0.0f, gload3(directions + 3u * i),
+               nearest ? CLOSEST_FRONT : ANY, 0u);
+    walk.tests = tests + COUNTED * i;
+    while (step_walk(&scene, &walk))
+        ;
+    visited[i] = walk.nodes;
+}
+#endif
 #else
 static void send_bundle(TraversalState *w, __global const float *origins, __global const float *directions, uint i)
 {

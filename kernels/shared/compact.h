@@ -183,53 +183,148 @@ static bool enters_instance(const Scene *scene, uint *link, uint depth, Within *
     return false;
 }
 
-// Finds the nearest hit (CLOSEST_FRONT) or whether there is any: true where there is one. A level of the tree waits in
-// one entry of the stack (after Ylitie, Karras and Laine 2017): its node, and the children that are left of it.
+// A ray under way. A level of the tree waits in one entry of the stack (after Ylitie, Karras and Laine 2017): its node, and
+// the children that are left of it.
+typedef struct {
+    float3 origin, low, d;
+    uint kind, seed;
+    float t_max;
+    uint triangle;
+    bool found;
+    BoxRay ray;
+    uint2 stack[STACK_LEVELS];
+    uint depth;
+    // The node it is at, whether it is yet to be visited, and its children that wait; the end of the ray when it was.
+    uint link, waiting;
+    bool arrives;
+    float met;
+    // The leaf it is at: its first triangle, how many there are, and the next one.
+    uint first, size, next;
+    Within within;
+#if COUNTED
+    // For each node how many triangles were tested after it, where that is asked, and how many nodes that were.
+    __global uchar *tests;
+    uint nodes;
+#endif
+} Walk;
+
+// Begins a walk; `t_max` and `triangle` are set.
+static void begin_walk(const Scene *scene, Walk *w, float3 origin, float3 low, float3 d, uint kind, uint seed)
+{
+    w->origin = origin;
+    w->low = low;
+    w->d = d;
+    w->kind = kind;
+    w->seed = seed;
+    w->found = false;
+    w->ray = box_ray(scene, 0u, origin, low, d);
+    w->depth = 0;
+    w->link = 0;
+    w->arrives = true;
+    w->within.instance = w->within.floor = 0u;
+#if COUNTED
+    w->tests = 0;
+    w->nodes = 0;
+#endif
+}
+
+#if COUNTED
+static void count_node(Walk *w)
+{
+    if (w->tests && w->nodes < COUNTED)
+        w->tests[w->nodes] = 0;
+    ++w->nodes;
+}
+
+static void count_test(Walk *w)
+{
+    if (w->tests && w->nodes <= COUNTED && w->tests[w->nodes - 1u] < 255)
+        ++w->tests[w->nodes - 1u];
+}
+#else
+#define count_node(w)
+#define count_test(w)
+#endif
+
+// Goes on to the next child that is not behind a hit, a node or a leaf: true where there is one.
+INLINED static bool next_child(const Scene *scene, Walk *w)
+{
+    for (;;) {
+        if (!w->waiting) {
+            if (!w->depth)
+                return false;
+            --w->depth;
+            w->link = w->stack[w->depth].x;
+            w->waiting = w->stack[w->depth].y;
+            if (leaves_instance(w->depth, &w->within))
+                w->ray = box_ray(scene, 0u, w->origin, w->low, w->d);
+            // Something nearer may have been hit since.
+            w->met = INFINITY;
+        }
+        __global const CompactNode *node = scene->nodes + w->link;
+        uint child = w->waiting & 7u;
+        w->waiting >>= 4;
+        if (w->t_max < w->met && child_entry(node, child, node_seen(node, &w->ray), w->ray.around, w->ray.inverse) > w->t_max * SLAB_WIDENING)
+            continue;
+        uint to = child_link(node, child);
+        if (to & LEAF) {
+            w->first = to & 0x0fffffffu;
+            w->size = (to >> 28 & 7u) + 1u;
+            w->next = 0;
+        } else {
+            if (w->waiting)
+                w->stack[w->depth++] = (uint2)(w->link, w->waiting);
+            w->link = to;
+            w->arrives = true;
+        }
+        return true;
+    }
+}
+
+// Triangles that a step tests at most: lanes that have many do not keep those waiting that are at nodes, and one at a time
+// keeps them waiting for the nodes (benches/simt.rs).
+#define BURST 2u
+
+// Visits a node, or tests triangles of a leaf, or both: true while the ray goes on.
+INLINED static bool step_walk(const Scene *scene, Walk *w)
+{
+    if (w->arrives) {
+        if (enters_instance(scene, &w->link, w->depth, &w->within))
+            w->ray = box_ray(scene, w->within.instance, w->origin, w->low, w->d);
+        count_node(w);
+        __global const CompactNode *node = scene->nodes + w->link;
+        w->met = w->t_max;
+        w->waiting = entered_children(node, node_seen(node, &w->ray), w->ray.around, w->ray.inverse, w->t_max);
+        w->arrives = false;
+        if (!next_child(scene, w))
+            return false;
+    }
+    for (uint test = 0; test < BURST && !w->arrives; ++test) {
+        count_test(w);
+        __global const float *row = scene->leaves + 9u * w->first + w->next;
+        if (intersect_triangle(scene, w->within.instance, w->first + w->next, row, w->size, w->origin, w->low, w->d, &w->t_max,
+                               &w->triangle, w->kind, w->seed)) {
+            w->found = true;
+            if (w->kind == ANY)
+                return false;
+        }
+        if (++w->next == w->size && !next_child(scene, w))
+            return false;
+    }
+    return true;
+}
+
+// Finds the nearest hit (CLOSEST_FRONT) or whether there is any: true where there is one.
 CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max, uint *triangle, uint kind, uint seed)
 {
-    uint2 stack[STACK_LEVELS];
-    uint depth = 0, link = 0;
-    BoxRay ray = box_ray(scene, 0u, origin, low, d);
-    bool found = false;
-    Within within = {0u, 0u};
-    for (;;) {
-        if (enters_instance(scene, &link, depth, &within))
-            ray = box_ray(scene, within.instance, origin, low, d);
-        __global const CompactNode *node = scene->nodes + link;
-        float met = *t_max;
-        uint waiting = entered_children(node, node_seen(node, &ray), ray.around, ray.inverse, met);
-        for (;;) {
-            if (!waiting) {
-                if (!depth)
-                    return found;
-                --depth;
-                link = stack[depth].x;
-                waiting = stack[depth].y;
-                if (leaves_instance(depth, &within))
-                    ray = box_ray(scene, 0u, origin, low, d);
-                node = scene->nodes + link;
-                // Something nearer may have been hit since.
-                met = INFINITY;
-            }
-            uint child = waiting & 7u;
-            waiting >>= 4;
-            if (*t_max < met && child_entry(node, child, node_seen(node, &ray), ray.around, ray.inverse) > *t_max * SLAB_WIDENING)
-                continue;
-            uint to = child_link(node, child);
-            if (!(to & LEAF)) {
-                if (waiting)
-                    stack[depth++] = (uint2)(link, waiting);
-                link = to;
-                break;
-            }
-            uint first = to & 0x0fffffffu, n = (to >> 28 & 7u) + 1u;
-            for (uint lane = 0; lane < n; ++lane)
-                if (intersect_triangle(scene, within.instance, first + lane, scene->leaves + 9u * first + lane, n, origin, low, d, t_max, triangle, kind, seed)) {
-                    found = true;
-                    if (kind == ANY)
-                        return true;
-                }
-        }
-    }
+    Walk walk;
+    walk.t_max = *t_max;
+    walk.triangle = *triangle;
+    begin_walk(scene, &walk, origin, low, d, kind, seed);
+    while (step_walk(scene, &walk))
+        ;
+    *t_max = walk.t_max;
+    *triangle = walk.triangle;
+    return walk.found;
 }
 #endif

@@ -35,18 +35,36 @@ typedef struct {
 } TraversalState;
 
 #if SINGLE_RAYS
-static void traverse_streams(const Scene *scene, TraversalState *states, uint count, uint kind)
+// The rays of a stream one after the other, each as soon as the one before is done: a lane's rays do not wait for those of
+// the lanes beside it, which visit other numbers of nodes (after Aila and Laine 2009, "Understanding the efficiency of ray
+// traversal on GPUs").
+static void traverse_stream(const Scene *scene, TraversalState *w, uint kind)
 {
-    for (uint k = 0; k < count; ++k) {
-        TraversalState *w = &states[k];
-        w->hits = 0;
-        for (uint left = w->mask; left; left &= left - 1u) {
-            uint i = lowest_bit(left);
-            float3 d = (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]);
-            if (trace_ray(scene, w->origin, 0.0f, d, &w->rays.t_max[i], &w->rays.triangle[i], kind, w->seed))
-                w->hits |= 1u << i;
+    Walk walk;
+    bool walking = false;
+    uint i = 0;
+    w->hits = 0;
+    for (uint left = w->mask; walking || left;) {
+        if (!walking) {
+            i = lowest_bit(left);
+            left &= left - 1u;
+            walk.t_max = w->rays.t_max[i];
+            walk.triangle = w->rays.triangle[i];
+            begin_walk(scene, &walk, w->origin, 0.0f, (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]), kind, w->seed);
+        }
+        walking = step_walk(scene, &walk);
+        if (!walking) {
+            w->rays.t_max[i] = walk.t_max;
+            w->rays.triangle[i] = walk.triangle;
+            w->hits |= (walk.found ? 1u : 0u) << i;
         }
     }
+}
+
+static void traverse_streams(const Scene *scene, TraversalState *states, uint count, uint kind)
+{
+    for (uint k = 0; k < count; ++k)
+        traverse_stream(scene, &states[k], kind);
 }
 #else
 // What boxes are met with, in the world or in an instance.

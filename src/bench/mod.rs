@@ -5,6 +5,7 @@ mod choice;
 pub mod cpu_time;
 pub mod export;
 pub mod rate;
+pub mod simt;
 pub mod trial;
 pub mod variants;
 pub mod workload;

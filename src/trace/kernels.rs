@@ -164,6 +164,11 @@ kernels! {
         wide: Option<&Buffer<WideNode>>, compact: Option<&Buffer<CompactNode>>, list: &Buffer<u32>, first: u32,
         count: u32, leaves: &Buffer<f32>, top: u32, first_node: u32, boxes: &Buffer<f32>,
     );
+    /// Counts what rays of bundles visit.
+    CountBundles = count_bundles(
+        scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32, nearest: u32,
+        tests: &Buffer<u8>, visited: &Buffer<u32>,
+    );
     /// Whether rays in bundles hit anything.
     OccludedBundles = occluded_bundles(
         scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32, hidden: &Buffer<u32>,

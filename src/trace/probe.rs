@@ -12,7 +12,9 @@ use crate::layout::{self, HitRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Material, Scene};
 
-use super::kernels::{Grid, IntersectBundles, OccludedBundles, SceneOf, TracePixels, TraceSamples};
+use super::kernels::{
+    CountBundles, Grid, IntersectBundles, OccludedBundles, SceneOf, TracePixels, TraceSamples,
+};
 use super::source;
 use super::tracer::{self, BLOCKS_PER_TILE, Settings};
 use super::{BufferBytes, SceneBuffers, SceneData, Traversal};
@@ -127,13 +129,22 @@ impl Probe {
         traversal: Traversal,
         text: &str,
     ) -> Result<Self> {
-        let trees = trees.into();
+        Ok(Self::build(device, shape, trees.into(), traversal, text)?.0)
+    }
+
+    fn build(
+        device: &Device,
+        shape: &Scene,
+        trees: Trees<'_>,
+        traversal: Traversal,
+        text: &str,
+    ) -> Result<(Self, Program)> {
         let darkness = Environment::constant(glam::Vec3::ZERO);
         let data = SceneData::pack(shape, trees, &darkness)?;
         let features = Features { instances: shape.instanced.is_some(), ..Features::default() };
         let options = source::options(device.info(), &features, data.depth, traversal);
         let program = Program::build(device, "probe", text, &options)?;
-        Ok(Probe {
+        let probe = Probe {
             scene: SceneBuffers::upload(device, &data, traversal.into())?,
             traversal,
             bytes: data.bytes(traversal.into()),
@@ -155,7 +166,8 @@ impl Probe {
             bounce_hits: Buffer::new(device, 1)?,
             hidden: Buffer::new(device, 1)?,
             device: device.clone(),
-        })
+        };
+        Ok((probe, program))
     }
 
     /// The kernels' variant.
@@ -294,5 +306,52 @@ impl Probe {
         let mut hidden = vec![0; self.bundle_count];
         self.hidden.read(&mut hidden)?;
         Ok(hidden)
+    }
+}
+
+/// Nodes of a ray that are told apart.
+const COUNTED: usize = 192;
+
+/// A probe whose single rays are counted on their way.
+#[derive(Debug)]
+pub struct CountingProbe {
+    /// What it traces.
+    pub probe: Probe,
+    count: CountBundles,
+}
+
+impl CountingProbe {
+    /// As [`Probe::new`], with kernels that count.
+    ///
+    /// # Errors
+    /// As for [`Probe::new`].
+    pub fn new<'a>(device: &Device, shape: &Scene, trees: impl Into<Trees<'a>>) -> Result<Self> {
+        let text = format!("#define COUNTED {COUNTED}u\n{}", source::probe_text());
+        let (probe, program) = Probe::build(device, shape, trees.into(), Traversal::SingleRay, &text)?;
+        Ok(CountingProbe { probe, count: CountBundles::of(&program)? })
+    }
+
+    /// For each ray of the bundles, how many triangles it was tested against after each node that it visited, up to the
+    /// 192nd; `nearest` asks for its nearest hit instead of any.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost, or has no room.
+    pub fn tests(&self, nearest: bool) -> Result<Vec<Vec<u8>>> {
+        let probe = &self.probe;
+        let rays = probe.bundle_count * BUNDLE;
+        let (tests, nodes) = (Buffer::new(&probe.device, rays * COUNTED)?, Buffer::new(&probe.device, rays)?);
+        let scene = SceneOf(Some(&probe.scene), probe.traversal);
+        let grid = Grid { items: rays, group: probe.traversal.group() };
+        let (origins, directions) = (&probe.origins, &probe.directions);
+        let count = probe.bundle_count as u32;
+        let event =
+            self.count.launch(grid, scene, origins, directions, count, nearest.into(), &tests, &nodes)?;
+        probe.device.finish()?;
+        drop(event);
+        let (mut all, mut lengths) = (vec![0u8; rays * COUNTED], vec![0u32; rays]);
+        tests.read(&mut all)?;
+        nodes.read(&mut lengths)?;
+        let rays = all.chunks_exact(COUNTED).zip(lengths);
+        Ok(rays.map(|(tests, length)| tests[..(length as usize).min(COUNTED)].to_vec()).collect())
     }
 }
