@@ -43,12 +43,13 @@ __kernel void count_bundles(SCENE_PARAMETERS, __global const float *origins, __g
     if (i >= 32u * count)
         return;
     Walk walk;
+    uint2 stack[STACK_LEVELS];
     walk.t_max = INFINITY;
     walk.triangle = NONE;
     begin_walk(&scene, &walk, gload3(origins + 3u * (i / 32u)), 0.0f, gload3(directions + 3u * i),
                nearest ? CLOSEST_FRONT : ANY, 0u);
     walk.tests = tests + COUNTED * i;
-    while (step_walk(&scene, &walk))
+    while (step_walk(&scene, &walk, stack))
         ;
     visited[i] = walk.nodes;
 }

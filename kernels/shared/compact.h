@@ -183,8 +183,8 @@ static bool enters_instance(const Scene *scene, uint *link, uint depth, Within *
     return false;
 }
 
-// A ray under way. A level of the tree waits in one entry of the stack (after Ylitie, Karras and Laine 2017): its node, and
-// the children that are left of it.
+// A ray under way. A level of the tree waits in one entry of a stack (after Ylitie, Karras and Laine 2017): its node, and the
+// children that are left of it. The stack stands by itself, as compilers keep what has an array in memory.
 typedef struct {
     float3 origin, low, d;
     uint kind, seed;
@@ -192,7 +192,6 @@ typedef struct {
     uint triangle;
     bool found;
     BoxRay ray;
-    uint2 stack[STACK_LEVELS];
     uint depth;
     // The node it is at, whether it is yet to be visited, and its children that wait; the end of the ray when it was.
     uint link, waiting;
@@ -247,15 +246,15 @@ static void count_test(Walk *w)
 #endif
 
 // Goes on to the next child that is not behind a hit, a node or a leaf: true where there is one.
-INLINED static bool next_child(const Scene *scene, Walk *w)
+INLINED static bool next_child(const Scene *scene, Walk *w, uint2 *stack)
 {
     for (;;) {
         if (!w->waiting) {
             if (!w->depth)
                 return false;
             --w->depth;
-            w->link = w->stack[w->depth].x;
-            w->waiting = w->stack[w->depth].y;
+            w->link = stack[w->depth].x;
+            w->waiting = stack[w->depth].y;
             if (leaves_instance(w->depth, &w->within))
                 w->ray = box_ray(scene, 0u, w->origin, w->low, w->d);
             // Something nearer may have been hit since.
@@ -273,7 +272,7 @@ INLINED static bool next_child(const Scene *scene, Walk *w)
             w->next = 0;
         } else {
             if (w->waiting)
-                w->stack[w->depth++] = (uint2)(w->link, w->waiting);
+                stack[w->depth++] = (uint2)(w->link, w->waiting);
             w->link = to;
             w->arrives = true;
         }
@@ -286,7 +285,7 @@ INLINED static bool next_child(const Scene *scene, Walk *w)
 #define BURST 2u
 
 // Visits a node, or tests triangles of a leaf, or both: true while the ray goes on.
-INLINED static bool step_walk(const Scene *scene, Walk *w)
+INLINED static bool step_walk(const Scene *scene, Walk *w, uint2 *stack)
 {
     if (w->arrives) {
         if (enters_instance(scene, &w->link, w->depth, &w->within))
@@ -296,7 +295,7 @@ INLINED static bool step_walk(const Scene *scene, Walk *w)
         w->met = w->t_max;
         w->waiting = entered_children(node, node_seen(node, &w->ray), w->ray.around, w->ray.inverse, w->t_max);
         w->arrives = false;
-        if (!next_child(scene, w))
+        if (!next_child(scene, w, stack))
             return false;
     }
     for (uint test = 0; test < BURST && !w->arrives; ++test) {
@@ -308,7 +307,7 @@ INLINED static bool step_walk(const Scene *scene, Walk *w)
             if (w->kind == ANY)
                 return false;
         }
-        if (++w->next == w->size && !next_child(scene, w))
+        if (++w->next == w->size && !next_child(scene, w, stack))
             return false;
     }
     return true;
@@ -318,10 +317,11 @@ INLINED static bool step_walk(const Scene *scene, Walk *w)
 CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max, uint *triangle, uint kind, uint seed)
 {
     Walk walk;
+    uint2 stack[STACK_LEVELS];
     walk.t_max = *t_max;
     walk.triangle = *triangle;
     begin_walk(scene, &walk, origin, low, d, kind, seed);
-    while (step_walk(scene, &walk))
+    while (step_walk(scene, &walk, stack))
         ;
     *t_max = walk.t_max;
     *triangle = walk.triangle;

@@ -41,6 +41,7 @@ typedef struct {
 static void traverse_stream(const Scene *scene, TraversalState *w, uint kind)
 {
     Walk walk;
+    uint2 stack[STACK_LEVELS];
     bool walking = false;
     uint i = 0;
     w->hits = 0;
@@ -52,7 +53,7 @@ static void traverse_stream(const Scene *scene, TraversalState *w, uint kind)
             walk.triangle = w->rays.triangle[i];
             begin_walk(scene, &walk, w->origin, 0.0f, (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]), kind, w->seed);
         }
-        walking = step_walk(scene, &walk);
+        walking = step_walk(scene, &walk, stack);
         if (!walking) {
             w->rays.t_max[i] = walk.t_max;
             w->rays.triangle[i] = walk.triangle;
