@@ -7,6 +7,7 @@ mod cases;
 #[path = "../common/mod.rs"]
 mod common;
 mod convex;
+mod counts;
 mod deform;
 mod edges;
 mod guided;
