@@ -8,6 +8,7 @@ pub mod mask;
 mod order;
 pub mod pattern;
 pub mod spacing;
+mod vectorised;
 pub mod workload;
 
 pub use acuity::Acuity;
