@@ -7,14 +7,14 @@
 //! next ray at once. After a node they test all its triangles before the next one, or so many at most, as frames do.
 
 use foveate::bench::Workload;
-use foveate::bench::simt::{BURST, Steps, lane_a_bundle, lane_a_bundle_at_once, lane_a_ray};
+use foveate::bench::simt::{BURST, Steps, bundle_per_lane, ray_per_lane, refilled_lanes};
 use foveate::config::Config;
 use foveate::foveation::{Law, Pattern};
 use foveate::frame::Loaded;
 use foveate::gpu::opencl::{Device, device};
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::trace::probe::{CountingProbe, shape_of};
+use foveate::trace::probe::{COUNTED_NODES, CountingProbe, shape_of};
 use glam::DVec2;
 
 fn main() {
@@ -37,16 +37,20 @@ fn main() {
         Workload::new(&mut counting.probe, &shape, trees, view, pattern).expect("rays");
         for (kind, nearest) in [("any hit", false), ("nearest hit", true)] {
             let rays = counting.tests(nearest).expect("counts");
-            let Steps { nodes, tests, .. } = lane_a_ray(&rays, 1);
+            assert!(
+                rays.iter().all(|ray| ray.len() < COUNTED_NODES),
+                "rays visit more nodes than are counted"
+            );
+            let Steps { nodes, tests, .. } = ray_per_lane(&rays, 1);
             let per_ray =
                 [nodes, tests].map(|sum| format!("{:.1}", sum as f64 / rays.len() as f64)).join(", ");
             let ways = [
-                lane_a_bundle(&rays, u8::MAX),
-                lane_a_ray(&rays, BURST),
-                lane_a_bundle(&rays, BURST),
-                lane_a_bundle_at_once(&rays, u8::MAX),
-                lane_a_bundle_at_once(&rays, 1),
-                lane_a_bundle_at_once(&rays, BURST),
+                bundle_per_lane(&rays, u8::MAX),
+                ray_per_lane(&rays, BURST),
+                bundle_per_lane(&rays, BURST),
+                refilled_lanes(&rays, u8::MAX),
+                refilled_lanes(&rays, 1),
+                refilled_lanes(&rays, BURST),
             ];
             let ways = ways.map(busy).join(" | ");
             let name = name.rsplit('/').next().unwrap_or(name);

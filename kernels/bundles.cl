@@ -42,16 +42,16 @@ __kernel void count_bundles(SCENE_PARAMETERS, __global const float *origins, __g
     uint i = (uint)get_global_id(0);
     if (i >= 32u * count)
         return;
-    Walk walk;
+    RayTraversal ray;
     uint2 stack[STACK_LEVELS];
-    walk.t_max = INFINITY;
-    walk.triangle = NONE;
-    begin_walk(&scene, &walk, gload3(origins + 3u * (i / 32u)), 0.0f, gload3(directions + 3u * i),
+    ray.t_max = INFINITY;
+    ray.triangle = NONE;
+    begin_traversal(&scene, &ray, gload3(origins + 3u * (i / 32u)), 0.0f, gload3(directions + 3u * i),
                nearest ? CLOSEST_FRONT : ANY, 0u);
-    walk.tests = tests + COUNTED * i;
-    while (step_walk(&scene, &walk, stack))
+    ray.tests = tests + COUNTED * i;
+    while (step_traversal(&scene, &ray, stack))
         ;
-    visited[i] = walk.nodes;
+    visited[i] = ray.nodes;
 }
 #endif
 #else

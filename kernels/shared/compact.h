@@ -193,9 +193,10 @@ typedef struct {
     bool found;
     BoxRay ray;
     uint depth;
-    // The node it is at, whether it is yet to be visited, and its children that wait; the end of the ray when it was.
-    uint link, waiting;
-    bool arrives;
+    // The node it is at, and whether that is yet to be visited; when it was, its children that wait, and where the ray ended.
+    uint link;
+    bool at_node;
+    uint waiting;
     float met;
     // The leaf it is at: its first triangle, how many there are, and the next one.
     uint first, size, next;
@@ -205,10 +206,10 @@ typedef struct {
     __global uchar *tests;
     uint nodes;
 #endif
-} Walk;
+} RayTraversal;
 
-// Begins a walk; `t_max` and `triangle` are set.
-static void begin_walk(const Scene *scene, Walk *w, float3 origin, float3 low, float3 d, uint kind, uint seed)
+// Begins a traversal; `t_max` and `triangle` are set.
+static void begin_traversal(const Scene *scene, RayTraversal *w, float3 origin, float3 low, float3 d, uint kind, uint seed)
 {
     w->origin = origin;
     w->low = low;
@@ -219,7 +220,7 @@ static void begin_walk(const Scene *scene, Walk *w, float3 origin, float3 low, f
     w->ray = box_ray(scene, 0u, origin, low, d);
     w->depth = 0;
     w->link = 0;
-    w->arrives = true;
+    w->at_node = true;
     w->within.instance = w->within.floor = 0u;
 #if COUNTED
     w->tests = 0;
@@ -228,14 +229,14 @@ static void begin_walk(const Scene *scene, Walk *w, float3 origin, float3 low, f
 }
 
 #if COUNTED
-static void count_node(Walk *w)
+static void count_node(RayTraversal *w)
 {
     if (w->tests && w->nodes < COUNTED)
         w->tests[w->nodes] = 0;
     ++w->nodes;
 }
 
-static void count_test(Walk *w)
+static void count_test(RayTraversal *w)
 {
     if (w->tests && w->nodes <= COUNTED && w->tests[w->nodes - 1u] < 255)
         ++w->tests[w->nodes - 1u];
@@ -246,7 +247,7 @@ static void count_test(Walk *w)
 #endif
 
 // Goes on to the next child that is not behind a hit, a node or a leaf: true where there is one.
-INLINED static bool next_child(const Scene *scene, Walk *w, uint2 *stack)
+INLINED static bool next_child(const Scene *scene, RayTraversal *w, uint2 *stack)
 {
     for (;;) {
         if (!w->waiting) {
@@ -274,7 +275,7 @@ INLINED static bool next_child(const Scene *scene, Walk *w, uint2 *stack)
             if (w->waiting)
                 stack[w->depth++] = (uint2)(w->link, w->waiting);
             w->link = to;
-            w->arrives = true;
+            w->at_node = true;
         }
         return true;
     }
@@ -285,20 +286,20 @@ INLINED static bool next_child(const Scene *scene, Walk *w, uint2 *stack)
 #define BURST 2u
 
 // Visits a node, or tests triangles of a leaf, or both: true while the ray goes on.
-INLINED static bool step_walk(const Scene *scene, Walk *w, uint2 *stack)
+INLINED static bool step_traversal(const Scene *scene, RayTraversal *w, uint2 *stack)
 {
-    if (w->arrives) {
+    if (w->at_node) {
         if (enters_instance(scene, &w->link, w->depth, &w->within))
             w->ray = box_ray(scene, w->within.instance, w->origin, w->low, w->d);
         count_node(w);
         __global const CompactNode *node = scene->nodes + w->link;
         w->met = w->t_max;
         w->waiting = entered_children(node, node_seen(node, &w->ray), w->ray.around, w->ray.inverse, w->t_max);
-        w->arrives = false;
+        w->at_node = false;
         if (!next_child(scene, w, stack))
             return false;
     }
-    for (uint test = 0; test < BURST && !w->arrives; ++test) {
+    for (uint test = 0; test < BURST && !w->at_node; ++test) {
         count_test(w);
         __global const float *row = scene->leaves + 9u * w->first + w->next;
         if (intersect_triangle(scene, w->within.instance, w->first + w->next, row, w->size, w->origin, w->low, w->d, &w->t_max,
@@ -316,15 +317,15 @@ INLINED static bool step_walk(const Scene *scene, Walk *w, uint2 *stack)
 // Finds the nearest hit (CLOSEST_FRONT) or whether there is any: true where there is one.
 CALLED INLINED static bool trace_ray(const Scene *scene, float3 origin, float3 low, float3 d, float *t_max, uint *triangle, uint kind, uint seed)
 {
-    Walk walk;
+    RayTraversal ray;
     uint2 stack[STACK_LEVELS];
-    walk.t_max = *t_max;
-    walk.triangle = *triangle;
-    begin_walk(scene, &walk, origin, low, d, kind, seed);
-    while (step_walk(scene, &walk, stack))
+    ray.t_max = *t_max;
+    ray.triangle = *triangle;
+    begin_traversal(scene, &ray, origin, low, d, kind, seed);
+    while (step_traversal(scene, &ray, stack))
         ;
-    *t_max = walk.t_max;
-    *triangle = walk.triangle;
-    return walk.found;
+    *t_max = ray.t_max;
+    *triangle = ray.triangle;
+    return ray.found;
 }
 #endif

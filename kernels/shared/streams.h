@@ -40,24 +40,24 @@ typedef struct {
 // traversal on GPUs").
 static void traverse_stream(const Scene *scene, TraversalState *w, uint kind)
 {
-    Walk walk;
+    RayTraversal ray;
     uint2 stack[STACK_LEVELS];
-    bool walking = false;
+    bool under_way = false;
     uint i = 0;
     w->hits = 0;
-    for (uint left = w->mask; walking || left;) {
-        if (!walking) {
+    for (uint left = w->mask; under_way || left;) {
+        if (!under_way) {
             i = lowest_bit(left);
             left &= left - 1u;
-            walk.t_max = w->rays.t_max[i];
-            walk.triangle = w->rays.triangle[i];
-            begin_walk(scene, &walk, w->origin, 0.0f, (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]), kind, w->seed);
+            ray.t_max = w->rays.t_max[i];
+            ray.triangle = w->rays.triangle[i];
+            begin_traversal(scene, &ray, w->origin, 0.0f, (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]), kind, w->seed);
         }
-        walking = step_walk(scene, &walk, stack);
-        if (!walking) {
-            w->rays.t_max[i] = walk.t_max;
-            w->rays.triangle[i] = walk.triangle;
-            w->hits |= (walk.found ? 1u : 0u) << i;
+        under_way = step_traversal(scene, &ray, stack);
+        if (!under_way) {
+            w->rays.t_max[i] = ray.t_max;
+            w->rays.triangle[i] = ray.triangle;
+            w->hits |= (ray.found ? 1u : 0u) << i;
         }
     }
 }

@@ -78,13 +78,13 @@ impl Steps {
 }
 
 /// Warps whose lanes have a ray each: those of bundles of [`WARP`].
-pub fn lane_a_ray(rays: &[Vec<u8>], burst: u8) -> Steps {
+pub fn ray_per_lane(rays: &[Vec<u8>], burst: u8) -> Steps {
     let warp = |rays: &[Vec<u8>]| Steps::of_warp(&rays.iter().map(Vec::as_slice).collect::<Vec<_>>(), burst);
     rays.chunks(WARP).map(warp).fold(Steps::default(), Steps::and)
 }
 
 /// Warps whose lanes have a bundle of [`WARP`] rays each, one after the other, and wait for each other after each of them.
-pub fn lane_a_bundle(rays: &[Vec<u8>], burst: u8) -> Steps {
+pub fn bundle_per_lane(rays: &[Vec<u8>], burst: u8) -> Steps {
     let bundles: Vec<&[Vec<u8>]> = rays.chunks(WARP).collect();
     let turn = |warp: &[&[Vec<u8>]], ray: usize| {
         let lanes = warp.iter().filter_map(|bundle| bundle.get(ray)).map(Vec::as_slice);
@@ -96,9 +96,9 @@ pub fn lane_a_bundle(rays: &[Vec<u8>], burst: u8) -> Steps {
 
 /// The same where a lane's next ray begins as soon as the one before is done, as `traverse_stream` of
 /// `kernels/shared/streams.h` has it.
-pub fn lane_a_bundle_at_once(rays: &[Vec<u8>], burst: u8) -> Steps {
+pub fn refilled_lanes(rays: &[Vec<u8>], burst: u8) -> Steps {
     let lanes: Vec<Vec<u8>> = rays.chunks(WARP).map(|bundle| bundle.concat()).collect();
-    lane_a_ray(&lanes, burst)
+    ray_per_lane(&lanes, burst)
 }
 
 #[cfg(test)]
@@ -137,8 +137,8 @@ mod tests {
         let long = |ray: usize| vec![0u8; if ray.is_multiple_of(2) { 5 } else { 1 }];
         let rays: Vec<Vec<u8>> = (0..64).map(|ray| long(ray + ray / 32)).collect();
         let steps = |node_slots| Steps { nodes: 32 * 6, node_slots, ..Steps::default() };
-        assert_eq!(lane_a_bundle(&rays, 1), steps(32 * 5 * 32));
-        assert_eq!(lane_a_bundle_at_once(&rays, 1), steps(16 * 6 * 32));
-        assert_eq!(lane_a_ray(&rays, 1), steps(2 * 5 * 32));
+        assert_eq!(bundle_per_lane(&rays, 1), steps(32 * 5 * 32));
+        assert_eq!(refilled_lanes(&rays, 1), steps(16 * 6 * 32));
+        assert_eq!(ray_per_lane(&rays, 1), steps(2 * 5 * 32));
     }
 }

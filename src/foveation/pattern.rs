@@ -374,6 +374,27 @@ mod tests {
     }
 
     #[test]
+    fn of_equal_keys_the_first_pixels_are_taken() {
+        // Forty pixels of each key.
+        let keys: Vec<u32> = (0..4000u32).map(|pixel| (1.0 + (pixel * 37 % 100) as f32).to_bits()).collect();
+        let mut histogram = Histogram::default();
+        histogram.count(&keys);
+        let mut sorted: Vec<(u32, usize)> = keys.iter().copied().zip(0..).collect();
+        sorted.sort_unstable();
+        for count in [0, 1, 39, 40, 41, 1777, 3999, 4000] {
+            let limit = histogram.limit(&keys, count);
+            let taken = |start: usize| {
+                let row = limit.row(start, &keys[start..(start + 16).min(keys.len())]);
+                (0..16).filter(move |x| row >> x & 1 == 1).map(move |x| start + x)
+            };
+            let taken: Vec<usize> = (0..keys.len()).step_by(16).flat_map(taken).collect();
+            let mut expected: Vec<usize> = sorted[..count].iter().map(|&(_, pixel)| pixel).collect();
+            expected.sort_unstable();
+            assert_eq!(taken, expected, "{count}");
+        }
+    }
+
+    #[test]
     fn a_view_without_pixels_has_no_samples() {
         for (width, height) in [(0, 0), (0, 5), (5, 0)] {
             assert!(Pattern::new(&view(width, height), &Law::Uniform, DVec2::ZERO, 3).samples.is_empty());

@@ -309,13 +309,13 @@ impl Probe {
     }
 }
 
-/// Nodes of a ray that are told apart.
-const COUNTED: usize = 192;
+/// Nodes of a ray that [`CountingProbe::tests`] tells at most.
+pub const COUNTED_NODES: usize = 192;
 
 /// A probe whose single rays are counted on their way.
 #[derive(Debug)]
 pub struct CountingProbe {
-    /// What it traces.
+    /// What takes and traces the rays.
     pub probe: Probe,
     count: CountBundles,
 }
@@ -326,20 +326,21 @@ impl CountingProbe {
     /// # Errors
     /// As for [`Probe::new`].
     pub fn new<'a>(device: &Device, shape: &Scene, trees: impl Into<Trees<'a>>) -> Result<Self> {
-        let text = format!("#define COUNTED {COUNTED}u\n{}", source::probe_text());
+        let text = format!("#define COUNTED {COUNTED_NODES}u\n{}", source::probe_text());
         let (probe, program) = Probe::build(device, shape, trees.into(), Traversal::SingleRay, &text)?;
         Ok(CountingProbe { probe, count: CountBundles::of(&program)? })
     }
 
-    /// For each ray of the bundles, how many triangles it was tested against after each node that it visited, up to the
-    /// 192nd; `nearest` asks for its nearest hit instead of any.
+    /// For each ray of the bundles, how many triangles it was tested against after each node that it visited, of
+    /// the first [`COUNTED_NODES`], 255 at most; `nearest` asks for its nearest hit instead of any.
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device is lost, or has no room.
     pub fn tests(&self, nearest: bool) -> Result<Vec<Vec<u8>>> {
         let probe = &self.probe;
         let rays = probe.bundle_count * BUNDLE;
-        let (tests, nodes) = (Buffer::new(&probe.device, rays * COUNTED)?, Buffer::new(&probe.device, rays)?);
+        let (tests, nodes) =
+            (Buffer::new(&probe.device, rays * COUNTED_NODES)?, Buffer::new(&probe.device, rays)?);
         let scene = SceneOf(Some(&probe.scene), probe.traversal);
         let grid = Grid { items: rays, group: probe.traversal.group() };
         let (origins, directions) = (&probe.origins, &probe.directions);
@@ -348,10 +349,10 @@ impl CountingProbe {
             self.count.launch(grid, scene, origins, directions, count, nearest.into(), &tests, &nodes)?;
         probe.device.finish()?;
         drop(event);
-        let (mut all, mut lengths) = (vec![0u8; rays * COUNTED], vec![0u32; rays]);
+        let (mut all, mut lengths) = (vec![0u8; rays * COUNTED_NODES], vec![0u32; rays]);
         tests.read(&mut all)?;
         nodes.read(&mut lengths)?;
-        let rays = all.chunks_exact(COUNTED).zip(lengths);
-        Ok(rays.map(|(tests, length)| tests[..(length as usize).min(COUNTED)].to_vec()).collect())
+        let rays = all.chunks_exact(COUNTED_NODES).zip(lengths);
+        Ok(rays.map(|(tests, length)| tests[..(length as usize).min(COUNTED_NODES)].to_vec()).collect())
     }
 }

@@ -7,7 +7,7 @@ use foveate::trace::probe::{Bundles, CountingProbe, Probe, RayKind};
 use glam::Vec3;
 
 use crate::bench::on_every_device;
-use crate::scenes::{on_sphere, shape};
+use crate::scenes::{on_sphere, shape, soup};
 
 /// 32 rays from a point towards points.
 fn bundle(from: Vec3, towards: impl Fn(usize) -> Vec3) -> Bundles {
@@ -35,14 +35,8 @@ fn a_lone_triangle_is_tested_by_the_rays_that_enter_its_box() {
 
 #[test]
 fn rays_that_ask_for_any_hit_visit_no_more_and_what_is_counted_is_traced() {
+    let scene = soup(8, 900, 0.4);
     let mut random = Random::new(8);
-    let triangles: Vec<[Vec3; 3]> = (0..900)
-        .map(|_| {
-            let at = on_sphere(&mut random) * 3.0 * random.uniform();
-            [0, 1, 2].map(|_| (at + on_sphere(&mut random) * 0.4).as_vec3())
-        })
-        .collect();
-    let scene = shape(triangles);
     let tree = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let aims: Vec<Vec3> = (0..32).map(|_| on_sphere(&mut random).as_vec3() * 9.0).collect();
     let bundles = bundle(Vec3::new(0.1, 0.2, 0.3), |ray| aims[ray]);
