@@ -455,5 +455,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let sun_byte = u32(round(shadow)) << 1u | sun_centre;
     records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), first.w);
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
+    let toward = with_less_noise(fresh[3u * id.x + 2u].xyz, min(diffuse_age, specular_age));
+    records[3u * id.x + 2u] = vec4(toward, fresh[3u * id.x + 2u].w);
     histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, shadow, select(kept_confidence, 1.0, own_shadow > 0.0), 0.0);
 }

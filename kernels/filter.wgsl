@@ -65,14 +65,12 @@ fn expected(record: SampleRecord) -> vec3<f32> {
 }
 
 // `sun`: as in the high byte of SampleRecord's normal. `expects`: whether `second` is divided.
-fn keep(index: u32, first: vec3<f32>, depth: f32, second: vec3<f32>, expects: bool, normal: vec3<f32>, sun: u32, toward: vec3<u32>) {
+fn keep(index: u32, first: vec3<f32>, depth: f32, second: vec3<f32>, expects: bool, normal: vec3<f32>, sun: u32, toward: vec3<u32>, noise: vec2<f32>) {
     let directed = toward.x != 0u;
     let marks = select(0u, EXPECTS, expects) | select(0u, DIRECTED, directed);
     let light = vec2(pack_light(max(first, vec3(0.0))), pack_light(max(second, vec3(0.0))));
     prepared[2u * index] = vec4(light, (bitcast<u32>(depth) & ~(EXPECTS | DIRECTED)) | marks, pack_axes(normal, sun));
-    if directed {
-        prepared[2u * index + 1u] = vec4(toward, 0u);
-    }
+    prepared[2u * index + 1u] = vec4(toward, pack_variances(noise));
 }
 
 @compute @workgroup_size(64)
@@ -83,12 +81,14 @@ fn take_records(@builtin(global_invocation_id) id: vec3<u32>) {
     let own = sample_at(id.x);
     if !is_usable(own) {
         atomicAdd(&dropped, 1u);
-        keep(id.x, vec3(0.0), 0.0, vec3(0.0), false, vec3(0.0), 0u, NOWHERE);
+        keep(id.x, vec3(0.0), 0.0, vec3(0.0), false, vec3(0.0), 0u, NOWHERE, vec2(0.0));
         return;
     }
     let expects = own.reflected != 0u;
     let second = select(own.second, (own.second + parameters.least_expected) / expected(own), expects);
-    keep(id.x, own.first, max(own.depth, 0.0), second, expects, unpack_normal24(own.normal), own.normal >> 24u, own.toward);
+    let light = vec2(luminance(own.first), luminance(second));
+    let noise = min(noise_variance(own.toward) * light * light, vec2(1e30));
+    keep(id.x, own.first, max(own.depth, 0.0), second, expects, unpack_normal24(own.normal), own.normal >> 24u, own.toward, noise);
 }
 
 @compute @workgroup_size(64)
@@ -132,6 +132,13 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     var green = vec3(0.0);
     var blue = vec3(0.0);
     var toward_sum = vec3(0.0);
+    // Luminances' squares and, of specular light, products with what is expected; squares of weights.
+    var first_squares = vec2(0.0);
+    var second_moments = vec3(0.0);
+    var second_lights = vec2(0.0);
+    var second_squares = vec2(0.0);
+    // What samples know of their noise.
+    var known = vec2(0.0);
     for (var j = 0u; j < parameters.neighbours; j++) {
         let index = nearest[j * parameters.count + id.x];
         let other = sample_at(index);
@@ -150,13 +157,28 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         let narrow_weight = guide * exp2(second_fall * squared);
         first += first_weight * other.first;
         first_sum += first_weight;
+        let light = luminance(other.first);
+        first_squares += first_weight * vec2(light * light, first_weight);
+        let noise = noise_variance(other.toward);
+        known.x += first_weight * noise * light * light;
         if expects && other.reflected != 0u {
             let weight = guide * exp2(expected_fall * squared);
             second += weight * (other.second + parameters.least_expected);
             second_sum += weight * expected(other);
+            let light = luminance(other.second + parameters.least_expected);
+            let share = luminance(expected(other));
+            second_moments += weight * vec3(light * light, light * share, share * share);
+            second_lights += weight * vec2(light, share);
+            second_squares += weight * vec2(1.0, weight);
+            known.y += weight * noise * light * light;
         } else if !expects && (hole || other.reflected == 0u) {
             second += narrow_weight * other.second;
             second_sum += vec3(narrow_weight);
+            let light = luminance(other.second);
+            second_moments += narrow_weight * vec3(light * light, light, 1.0);
+            second_lights += narrow_weight * vec2(light, 1.0);
+            second_squares += narrow_weight * vec2(1.0, narrow_weight);
+            known.y += narrow_weight * noise * light * light;
         }
         if own.toward.x != 0u && other.toward.x != 0u {
             let weight = first_weight * other.first;
@@ -174,6 +196,16 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let depth = select(own.depth, select(0.0, -1.0, found), hole);
     first = select(vec3(0.0), first / first_sum, found);
     second = select(vec3(0.0), second / second_sum, second_sum.x > 0.0);
+    // Variances of both means.
+    let first_light = luminance(first);
+    let second_light = second_lights.x / max(second_lights.y, 1e-30);
+    let spread = vec2(
+        first_squares.x / max(first_sum, 1e-30) - first_light * first_light,
+        (second_moments.x - second_light * (2.0 * second_moments.y - second_light * second_moments.z)) / max(second_moments.z, 1e-30),
+    );
+    let share = vec2(first_squares.y / max(first_sum * first_sum, 1e-30), second_squares.y / max(second_squares.x * second_squares.x, 1e-30));
+    let most = known / max(vec2(first_sum, second_moments.z), vec2(1e-30));
+    let noise = clamp(spread, vec2(0.0), most) * share / max(1.0 - share, vec2(0.1));
     let blocker = u32(round(select(0.0, shadow / shadow_sum, shadow_sum > FEW_IN_PENUMBRA * first_sum)));
     var toward = NOWHERE;
     if own.toward.x != 0u && !hole {
@@ -181,5 +213,5 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         // Never 0, which is for those that have none.
         toward = vec3(pack_toward(red * scale.x) | IS_MAPPED, pack_toward(green * scale.y), pack_toward(blue * scale.z));
     }
-    keep(id.x, first, depth, second, expects, normal, blocker << 1u | sun_centre, toward);
+    keep(id.x, first, depth, second, expects, normal, blocker << 1u | sun_centre, toward, noise);
 }

@@ -15,6 +15,8 @@ typedef struct {
     float depth;
     uint normal;
     Reflection sum;
+    // Of diffuse and of specular light: sums of the luminances that rays bring, and of their squares.
+    float2 brought, squares;
     // Of the light rays under way: what their light counts, and for those that look for a surface by how much more;
     // which of them look for any surface and which for the nearest; which met one, and which are lost to it.
     Reflection weights[32];
@@ -233,8 +235,12 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
             light = light_of_surface(scene, shading, cache, sample, i, hash(seed + first_ray), w, &rays);
         else
             light = distant_light(scene, shading, d, sample->surface.occlusion, !shading->guided);
-        sample->sum.diffuse += sample->weights[i].diffuse * light;
-        sample->sum.specular += sample->weights[i].specular * light;
+        float3 diffuse = sample->weights[i].diffuse * light, specular = sample->weights[i].specular * light;
+        sample->sum.diffuse += diffuse;
+        sample->sum.specular += specular;
+        float2 luminances = (float2)(luminance(diffuse), luminance(specular));
+        sample->brought += luminances;
+        sample->squares += luminances * luminances;
 #if HAS_NORMAL_MAPS
         if (sample->mapped) {
             float3 brought = light * sample->plain[i];
@@ -318,6 +324,7 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     sample->radiance = 0.0f;
     sample->sum.diffuse = 0.0f;
     sample->sum.specular = 0.0f;
+    sample->brought = sample->squares = 0.0f;
 #if HAS_EMITTERS
     sample->aimed = 0;
 #endif
@@ -404,6 +411,25 @@ static void divide_direction_out(Sample *sample, uint packed[3])
 }
 #endif
 
+// How much a sample's light is off by chance, as SampleRecord has it: by the variance of what its rays bring, of diffuse or
+// specular light, whichever is more and matters.
+static uint noise_code(const Shading *shading, const Sample *sample)
+{
+    float n = (float)shading->rays;
+    if (!(n > 1.0f))
+        return 0u;
+    float2 variance = max(sample->squares - sample->brought * sample->brought / n, 0.0f) * (n / (n - 1.0f));
+    // Directions are stratified: where an edge of what hides the sky is what varies, variance falls with n to the 1.5
+    // (Mitchell 1996). Paths that go on are not.
+    if (shading->bounces == 0u)
+        variance *= min(sqrt(8.0f / n), 1.0f);
+    float2 sum = (float2)(luminance(sample->sum.diffuse), luminance(sample->sum.specular));
+    float2 strength = (float2)(luminance(diffuse_color(&sample->surface)), luminance(specular_scale(sample->f0))) * sum;
+    float2 relative = variance / max(sum * sum, 1.0e-30f);
+    float most = max(strength.x * 20.0f > strength.y ? relative.x : 0.0f, strength.y * 20.0f > strength.x ? relative.y : 0.0f);
+    return 1u + (uint)clamp((2.0f - log2(max(most, 1.0e-12f))) / 1.5f, 0.0f, 14.0f);
+}
+
 // What becomes of a sample; false where its estimate is not finite, which is marked by a depth of -1.
 static bool end_sample(const Shading *shading, Sample *sample, uint reflected, __global SampleRecord *record)
 {
@@ -421,6 +447,9 @@ static bool end_sample(const Shading *shading, Sample *sample, uint reflected, _
             light = without_colors(&sample->surface, sample->f0, sample->sum);
         first = light.diffuse;
         second = light.specular;
+        uint noise = sample->lit ? noise_code(shading, sample) : 15u;
+        toward[1] |= noise << 30;
+        toward[2] |= noise >> 2 << 30;
     } else if (sample->lit) {
         first += diffuse_color(&sample->surface) * sample->sum.diffuse + specular_scale(sample->f0) * sample->sum.specular;
     }

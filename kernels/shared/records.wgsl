@@ -38,6 +38,20 @@ fn unpack_toward(packed: u32) -> vec3<f32> {
     return vec3<f32>(vec3(i32(packed << 22u), i32(packed << 12u), i32(packed << 2u)) >> vec3(22u)) / 511.0;
 }
 
+// Of a sample's light, relative to its square: as `noise_variance` of src/layout/records.rs.
+fn noise_variance(toward: vec3<u32>) -> f32 {
+    let code = toward.y >> 30u | toward.z >> 30u << 2u;
+    return select(exp2(2.0 - 1.5 * (f32(code) - 1.0)), 1e6, code == 0u);
+}
+
+// The same code where the light is the mean of so many.
+fn with_less_noise(toward: vec3<u32>, count: f32) -> vec3<u32> {
+    let code = toward.y >> 30u | toward.z >> 30u << 2u;
+    let less = min(code + u32(log2(max(count, 1.0)) / 1.5), 15u);
+    let bits = select(less, 0u, code == 0u);
+    return vec3(toward.x, toward.y & 0x3fffffffu | bits << 30u, toward.z & 0x3fffffffu | bits >> 2u << 30u);
+}
+
 // As in kernels/shared/glossy.h, for one colour.
 fn directional_share(toward: vec3<f32>, normal: vec3<f32>) -> f32 {
     let size = min(length(toward), 1.0);
@@ -118,6 +132,19 @@ fn pack_light(v: vec3<f32>) -> u32 {
     let scale = bitcast<f32>((158u - exponent) << 23u);
     let codes = vec3<u32>(round(min(v, vec3(4e9)) * scale * vec3(512.0, 512.0, 256.0)));
     return min(codes.x, 511u) | min(codes.y, 511u) << 9u | min(codes.z, 255u) << 18u | exponent << 26u;
+}
+
+fn luminance(light: vec3<f32>) -> f32 {
+    return dot(light, vec3(0.2126, 0.7152, 0.0722));
+}
+
+// Two variances of luminance as the upper halves of floats.
+fn pack_variances(v: vec2<f32>) -> u32 {
+    return (bitcast<u32>(v.x) + 0x8000u) >> 16u | (bitcast<u32>(v.y) + 0x8000u) & 0xffff0000u;
+}
+
+fn unpack_variances(packed: u32) -> vec2<f32> {
+    return bitcast<vec2<f32>>(vec2(packed << 16u, packed & 0xffff0000u));
 }
 
 // Three values of at least 0 with one exponent: R19 G19 B18, each off by a 250,000th of the largest at most. Two

@@ -12,6 +12,7 @@
 //! 1280x800 pixels, when each pixel searched by itself on both; pixels that search in blocks have halved
 //! the former since), and tables never leave the device's memory.
 
+mod denoise;
 mod frame;
 mod grid;
 mod history;
@@ -44,6 +45,7 @@ use crate::error::Result;
 use crate::gpu::vulkan::{Attachments, BufferRef, Commands, Context, HostBuffer, PassPipeline, StageTime};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
+use denoise::Denoise;
 use history::{Accumulate, Fresh, History};
 use magnify::Magnify;
 use motion_vectors::{LastPicture, MotionPasses};
@@ -59,6 +61,7 @@ pub struct Reconstruction {
     settings: Settings,
     finders: Finders,
     prepare: Prepare,
+    denoise: Option<Denoise>,
     accumulate: Option<Accumulate>,
     /// Where pixels are means over several pictures.
     resolve: Option<Resolve>,
@@ -106,6 +109,10 @@ impl Reconstruction {
             magnify: None,
             settings,
             prepare: Prepare::new(context, &settings)?,
+            denoise: match settings.mode {
+                Mode::Guided(guided) if guided.neighbours > 1 => Some(Denoise::new(context)?),
+                _ => None,
+            },
             passes: HashMap::new(),
             motion: MotionPasses::default(),
             views: Vec::new(),
@@ -186,6 +193,7 @@ impl Reconstruction {
         let rays = rays(frame.view, frame.sun);
         let pixel_width = f64::from(rays.across[0]).hypot(f64::from(rays.across[1]));
         let pixel_width = pixel_width.hypot(f64::from(rays.across[2])) as f32;
+        let alone = state.history.is_empty();
         let samples = match (&self.accumulate, &frame.visibility) {
             (Some(accumulate), Some(visibility)) if tables.bands().len() == 1 => {
                 let GuidedSettings { normal_power, plane_tolerance, .. } = self.settings.guided();
@@ -213,14 +221,19 @@ impl Reconstruction {
             }
             _ => samples,
         };
-        self.prepare.record(
-            commands,
-            tables,
-            &self.settings,
-            &samples,
-            &dropped,
-            (rays, PackedSpacing::of(frame.view), pixel_width, frame.least_expected),
-        )?;
+        let of_view = (rays, PackedSpacing::of(frame.view), pixel_width, frame.least_expected);
+        self.prepare.record(commands, tables, &self.settings, &samples, &dropped, of_view)?;
+        if let Some(denoise) = &self.denoise {
+            denoise.record(
+                &self.context,
+                commands,
+                tables,
+                self.settings.guided(),
+                &samples,
+                alone,
+                of_view,
+            )?;
+        }
         commands.end_stage("filter");
         let parameters = PixelParameters::new(tables, &self.settings, frame, rays, pixel_width);
         if let Some(magnify) = self.magnify.as_ref().filter(|_| !even) {

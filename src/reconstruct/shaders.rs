@@ -1,5 +1,6 @@
 //! The SPIR-V that the build made of `kernels/*.wgsl`.
 
+use super::denoise::DenoiseParameters;
 use super::magnify::MagnifyParameters;
 use super::motion_vectors::MotionParameters;
 use super::parameters::{FilterParameters, PixelParameters};
@@ -19,6 +20,13 @@ pub const FILTER: Shader = Shader {
     words: spirv!("filter"),
     buffers: 5,
     push: size_of::<FilterParameters>() as u32,
+};
+
+pub const DENOISE: Shader = Shader {
+    name: "denoise.wgsl",
+    words: spirv!("denoise"),
+    buffers: 5,
+    push: size_of::<DenoiseParameters>() as u32,
 };
 
 pub const ACCUMULATE: Shader = Shader {

@@ -96,6 +96,8 @@ pub(super) struct Tables {
     pub k: u32,
     /// Neighbours of each sample, itself included.
     pub neighbours: u32,
+    /// Whether each pixel has a sample of its own.
+    full: bool,
     bands: Vec<Band>,
     /// Bands of an earlier pattern, whose memory the next one may have.
     spare: Vec<Band>,
@@ -105,6 +107,8 @@ pub(super) struct Tables {
     nearest: Option<BufferRef>,
     positions: BufferRef,
     prepared: BufferRef,
+    /// Room for as many samples more, once a pass has needed it.
+    exchanged: Option<BufferRef>,
     staging: Option<BufferRef>,
     commands: Commands,
 }
@@ -136,6 +140,7 @@ impl Tables {
             count: 0,
             k: 0,
             neighbours: 1,
+            full: false,
             bands: Vec::new(),
             spare: Vec::new(),
             spare_shape: (0, 0, 0),
@@ -143,6 +148,7 @@ impl Tables {
             nearest: None,
             positions: empty.clone(),
             prepared: empty,
+            exchanged: None,
             staging: None,
             commands: Commands::new(context)?,
         })
@@ -162,6 +168,25 @@ impl Tables {
 
     pub fn prepared(&self) -> &BufferRef {
         &self.prepared
+    }
+
+    /// What a pass over all samples reads, and what it writes, which is [`Tables::prepared`] from then on.
+    pub fn next_prepared(&mut self, context: &Context) -> Result<[BufferRef; 2]> {
+        let next = match self.exchanged.take() {
+            Some(room) if room.size() >= self.count * PREPARED_BYTES => room,
+            _ => device(context, self.count * PREPARED_BYTES)?,
+        };
+        let last = std::mem::replace(&mut self.prepared, next.clone());
+        self.exchanged = Some(last.clone());
+        Ok([last, next])
+    }
+
+    /// The sample of each pixel, where all have one of their own and one binding reaches all of them.
+    pub fn sample_of_pixel(&self) -> Option<&BufferRef> {
+        match self.bands.as_slice() {
+            [band] if self.full => Some(&band.indices),
+            _ => None,
+        }
     }
 
     /// The next frame looks up what this one is made of: a new pattern does not overwrite it.
@@ -236,6 +261,7 @@ impl Tables {
         if self.prepared.size() < samples.len() * PREPARED_BYTES {
             self.prepared = device(context, samples.len() * PREPARED_BYTES)?;
         }
+        self.full = map.is_some();
         if let Some(map) = map {
             self.nearest = None;
             self.neighbours = 1;

@@ -5,10 +5,15 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
+mod denoise;
 mod penumbra;
 
+use denoise::Spread;
+
 use super::reconstruct::{WeightKind, nearest, weights};
-use crate::layout::{IS_MAPPED, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
+use crate::layout::{
+    IS_MAPPED, SampleRecord, VisibilityRecord, noise_variance, unpack_emission, unpack_normal24,
+};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
@@ -49,6 +54,8 @@ pub struct Prepared {
     pub blocker: f64,
     /// Mean directions of red, green and blue light, where they are known.
     pub toward: Option<[DVec3; 3]>,
+    /// Variances of the luminances of `first` and `second` that noise is known to have.
+    pub noise: [f64; 2],
 }
 
 /// One view's records.
@@ -172,6 +179,7 @@ impl Guided<'_> {
         let (mut second, mut second_sum) = (DVec3::ZERO, DVec3::ZERO);
         let (mut shadow, mut shadow_sum) = (0.0, 0.0);
         let (mut directions, mut direction_sum) = ([DVec3::ZERO; 3], DVec3::ZERO);
+        let mut spreads = [Spread::default(); 2];
         for neighbour in near {
             let other = &samples[neighbour.sample];
             if !finite(other) || other.depth <= 0.0 {
@@ -188,12 +196,19 @@ impl Guided<'_> {
                     .map(|s| guide * by_distance(neighbour.distance, s));
             first += vector(other.first) * first_weight;
             first_sum += first_weight;
+            spreads[0].add(first_weight, vector(other.first), DVec3::ONE);
+            spreads[0].know(first_weight, noise_variance(other.toward), vector(other.first));
             if expects && other.reflected != 0 {
                 second += (vector(other.second) + least) * expected_weight;
                 second_sum += (emission(other.reflected) + least) * expected_weight;
+                let (light, expected) = (vector(other.second) + least, emission(other.reflected) + least);
+                spreads[1].add(expected_weight, light, expected);
+                spreads[1].know(expected_weight, noise_variance(other.toward), light);
             } else if !expects && (hole || other.reflected == 0) {
                 second += vector(other.second) * second_weight;
                 second_sum += second_weight;
+                spreads[1].add(second_weight, vector(other.second), DVec3::ONE);
+                spreads[1].know(second_weight, noise_variance(other.toward), vector(other.second));
             }
             if let (Some(_), Some(from)) = (toward(own.toward), toward(other.toward)) {
                 let weight = vector(other.first) * first_weight;
@@ -220,6 +235,7 @@ impl Guided<'_> {
             toward: toward(own.toward)
                 .filter(|_| !hole)
                 .map(|_| [0, 1, 2].map(|c| directions[c] / direction_sum[c].max(1e-30))),
+            noise: spreads.map(|spread| spread.variance_of_mean()),
         }
     }
 

@@ -3,7 +3,9 @@
 
 use foveate::foveation::{Law, Pattern};
 use foveate::gpu::vulkan::{Context, Format, HostBuffer, Image};
-use foveate::layout::{IS_MAPPED, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
+use foveate::layout::{
+    IS_MAPPED, SampleRecord, VisibilityRecord, noise_variance, unpack_emission, unpack_normal24,
+};
 use foveate::math::pose::Pose;
 use foveate::math::spacing::{Axis, Spacing};
 use foveate::math::view::View;
@@ -81,7 +83,10 @@ fn spaced_eye() -> View {
 
 /// The traced records of a sparse pattern.
 fn traced(bench: &mut Bench, view: &View) -> (Picture, Vec<u32>) {
-    let pattern = Pattern::new(view, &Law::default(), DVec2::splat(0.5), 420);
+    traced_at(bench, view, Pattern::new(view, &Law::default(), DVec2::splat(0.5), 420))
+}
+
+fn traced_at(bench: &mut Bench, view: &View, pattern: Pattern) -> (Picture, Vec<u32>) {
     let settings = Settings { guided: true, edge_rays: 4, rays: 24, ..PLAIN };
     (bench.trace(view, &settings, &pattern), pattern.samples)
 }
@@ -129,6 +134,36 @@ fn shown(
     floats.iter().map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).collect()
 }
 
+fn positions(samples: &[u32]) -> Vec<[u32; 2]> {
+    samples.iter().map(|s| [s & 0xffff, s >> 16]).collect()
+}
+
+fn twin<'a>(
+    view: &'a View,
+    picture: &'a Picture,
+    positions: &'a [[u32; 2]],
+    neighbours: usize,
+) -> Guided<'a> {
+    let choices = Choices {
+        neighbours,
+        normal_power: 16.0,
+        plane_tolerance: 0.25,
+        deviations: [0.6, 0.25],
+        k: if positions.len() == view.pixels() { 1 } else { 4 },
+        weights: WeightKind::Shepard,
+        least_expected: f64::from(LEAST),
+    };
+    Guided { view, positions, visibility: &picture.visibility, sun: light().sun, choices }
+}
+
+/// In double precision, with samples that are not averaged a second time.
+fn filtered_once(view: &View, picture: &Picture, samples: &[u32]) -> Vec<DVec3> {
+    let positions = positions(samples);
+    let twin = twin(view, picture, &positions, 24);
+    let prepared = twin.filter_samples(&picture.samples);
+    (0..SIZE.0 * SIZE.1).map(|p| twin.guided_color(&prepared, [p % SIZE.0, p / SIZE.0])).collect()
+}
+
 /// The same in double precision.
 fn right(
     view: &View,
@@ -137,19 +172,9 @@ fn right(
     neighbours: usize,
     from: Option<Pose>,
 ) -> Vec<DVec3> {
-    let positions: Vec<[u32; 2]> = samples.iter().map(|s| [s & 0xffff, s >> 16]).collect();
-    let choices = Choices {
-        neighbours,
-        normal_power: 16.0,
-        plane_tolerance: 0.25,
-        deviations: [0.6, 0.25],
-        k: 4,
-        weights: WeightKind::Shepard,
-        least_expected: f64::from(LEAST),
-    };
-    let visibility = &picture.visibility;
-    let twin = Guided { view, positions: &positions, visibility, sun: light().sun, choices };
-    let prepared = twin.filter_samples(&picture.samples);
+    let positions = positions(samples);
+    let twin = twin(view, picture, &positions, neighbours);
+    let prepared = twin.prepare(&picture.samples);
     let pixel = |p: u32| {
         let at = [p % SIZE.0, p / SIZE.0];
         match view.spacing.is_even() {
@@ -188,12 +213,21 @@ fn guided_pictures_are_those_of_double_precision() {
         let moved = Pose::new(turn, eye().world_from_eye.position + DVec3::new(0.12, -0.08, 0.05));
         let (coarse, coarse_samples) = traced(&mut bench, &spaced_eye());
         let (even, spaced) = ((eye(), &picture, &samples), (spaced_eye(), &coarse, &coarse_samples));
+        let full = [eye(), spaced_eye()].map(|view| {
+            let (picture, samples) = traced_at(&mut bench, &view, all_pixels(&view));
+            (view, picture, samples)
+        });
+        let full = full.each_ref().map(|(view, picture, samples)| (*view, picture, samples));
         for ((view, picture, samples), neighbours, from) in [
             (&even, 1, None),
             (&even, 24, None),
             (&even, 24, Some(moved)),
             (&spaced, 24, None),
             (&spaced, 24, Some(moved)),
+            (&full[0], 1, None),
+            (&full[0], 24, None),
+            (&full[0], 24, Some(moved)),
+            (&full[1], 24, None),
         ] {
             let found = shown(&context, view, picture, samples, neighbours, from);
             let right = right(view, picture, samples, neighbours as usize, from);
@@ -208,6 +242,94 @@ fn guided_pictures_are_those_of_double_precision() {
             // A comparer that finds nothing in wrong pictures finds nothing.
             let wrong: Vec<DVec3> = right.iter().map(|color| *color * DVec3::new(1.0, 1.03, 1.0)).collect();
             assert!(compare(&found, &wrong).0 > 500);
+        }
+    });
+}
+
+/// With a sample in each pixel noise is averaged away, and nothing else: few rays gain much, and many lose nothing.
+/// Sparse samples are averaged further, too, where they are noisy.
+#[test]
+fn pictures_are_averaged_as_far_as_they_are_noisy() {
+    let Some(context) = common::vulkan() else { return };
+    on_every_device(|device| {
+        let (scene, light) = (still_life(), light());
+        let mut bench = Bench::new(device, &scene, &light);
+        let view = eye();
+        let mut made = |rays: u32, count: Option<usize>, neighbours: u32| {
+            let pattern = count.map_or_else(
+                || all_pixels(&view),
+                |count| Pattern::new(&view, &Law::Uniform, DVec2::splat(0.5), count),
+            );
+            let picture =
+                bench.trace(&view, &Settings { guided: true, edge_rays: 4, rays, ..PLAIN }, &pattern);
+            let shown = shown(&context, &view, &picture, &pattern.samples, neighbours, None);
+            (shown, picture, pattern.samples)
+        };
+        let truth = made(4096, None, 1).0;
+        let error = |shown: &[DVec3]| {
+            let off = |(a, b): (&DVec3, &DVec3)| (*a - *b).length_squared() / b.length_squared().max(0.01);
+            (shown.iter().zip(&truth).map(off).sum::<f64>() / truth.len() as f64).sqrt()
+        };
+        let [few, few_alone] = [24, 1].map(|neighbours| error(&made(8, None, neighbours).0));
+        let [many, many_alone] = [24, 1].map(|neighbours| error(&made(1024, None, neighbours).0));
+        println!(
+            "all pixels: {few:.4} for {few_alone:.4} with 8 rays, {many:.4} for {many_alone:.4} with 1024"
+        );
+        assert!(few < 0.6 * few_alone, "{few} for {few_alone}");
+        assert!(many < 1.7 * many_alone, "{many} for {many_alone}");
+        let mut errors = [0.0; 2];
+        for rays in [4, 5, 6] {
+            let (shown, picture, samples) = made(rays, Some(900), 24);
+            errors[0] += error(&shown);
+            errors[1] += error(&filtered_once(&view, &picture, &samples));
+        }
+        errors = errors.map(|sum| sum / 3.0);
+        println!("sparse: {:.4} for {:.4}", errors[0], errors[1]);
+        assert!(errors[0] < 0.98 * errors[1], "{errors:?}");
+    });
+}
+
+/// What samples say of their noise is a bound, and not far above it: how far estimates with other seeds lie apart.
+#[test]
+fn samples_know_how_noisy_they_are() {
+    on_every_device(|device| {
+        let (scene, light) = (still_life(), light());
+        let mut bench = Bench::new(device, &scene, &light);
+        for rays in [8, 32, 128] {
+            let settings = |seed| Settings { guided: true, rays, seed, ..PLAIN };
+            let pictures: Vec<Picture> =
+                (0..24).map(|seed| bench.trace(&eye(), &settings(seed), &all_pixels(&eye()))).collect();
+            let (mut found, mut told, mut below) = (0.0, 0.0, 0);
+            let lit: Vec<usize> = (0..pictures[0].samples.len())
+                .filter(|&sample| pictures.iter().all(|p| p.samples[sample].first.iter().sum::<f32>() > 1e-3))
+                .collect();
+            for &sample in &lit {
+                let relative = |part: fn(&SampleRecord) -> [f32; 3]| {
+                    let values: Vec<f64> = pictures
+                        .iter()
+                        .map(|p| {
+                            Vec3::from(part(&p.samples[sample])).dot(Vec3::new(0.2126, 0.7152, 0.0722)).into()
+                        })
+                        .collect();
+                    let mean = values.iter().sum::<f64>() / values.len() as f64;
+                    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+                    squares / (values.len() - 1) as f64 / (mean * mean).max(1e-12)
+                };
+                let say: f64 =
+                    pictures.iter().map(|p| noise_variance(p.samples[sample].toward)).sum::<f64>() / 24.0;
+                let [first, second] = [relative(|s| s.first), relative(|s| s.second)];
+                below += usize::from(say < 0.5 * first.min(second));
+                (found, told) = (found + first.max(second).min(4.0).sqrt(), told + say.min(4.0).sqrt());
+            }
+            println!(
+                "{rays} rays: {} samples, off by {:.4}, which say {:.4}; {below} too little",
+                lit.len(),
+                found / lit.len() as f64,
+                told / lit.len() as f64
+            );
+            assert!(lit.len() > 1500, "{}", lit.len());
+            assert!(below * 50 < lit.len(), "{rays}: {below} of {}", lit.len());
+            assert!(told < 4.0 * found && told > 0.5 * found, "{rays}: {told} for {found}");
         }
     });
 }

@@ -60,6 +60,11 @@ fn scattered(count: u32) -> Vec<u32> {
     samples
 }
 
+/// Words of a record that say how noisy it is, and nothing of a normal map.
+fn noise_of(code: u32) -> [u32; 3] {
+    [0, code << 30, code >> 2 << 30]
+}
+
 /// What a frame traces at a sample: light with noise, a part of the sun, now and then something not finite.
 fn traced(view: &View, packed: u32, frame: u32, index: usize) -> SampleRecord {
     let at = [packed & 0xffff, packed >> 16];
@@ -78,6 +83,7 @@ fn traced(view: &View, packed: u32, frame: u32, index: usize) -> SampleRecord {
         depth: depth as f32,
         second: [value(4), value(5), value(6)],
         normal,
+        toward: noise_of(index as u32 % 16),
         ..SampleRecord::default()
     }
 }
@@ -190,7 +196,7 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
     };
     let mut kept: [Option<accumulate::Kept>; 2] = [None, None];
     let mut lent: [Option<accumulate::Kept>; 2] = [None, None];
-    let (mut compared, mut along, mut carried, mut cut, mut undecided) = (0, 0, 0, 0, 0);
+    let (mut compared, mut along, mut carried, mut cut, mut undecided, mut quieter) = (0, 0, 0, 0, 0, 0);
     for frame in 0..9 {
         for eye_index in 0..2 {
             let view = eye(frame, eye_index);
@@ -234,6 +240,16 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
                 assert!((found.specular - twin.specular).length() < 0.01, "{place:?}: {found:?} {twin:?}");
                 let confidence = f64::from(histories[index][6]);
                 assert!((confidence - ages[index].confidence).abs() < 0.01, "{place:?}: {confidence}");
+                let age = histories[index][0].min(histories[index][1]);
+                let code = index as u32 % 16;
+                let expected = if code == 0 { 0 } else { (code + (age.log2() / 1.5) as u32).min(15) };
+                let limit = (age.log2() / 1.5).fract();
+                quieter += usize::from(expected > code);
+                assert!(
+                    record.toward == noise_of(expected) || !(1e-3..0.999).contains(&limit),
+                    "{place:?}: {:x?}, age {age}",
+                    record.toward
+                );
                 assert!((found.blocker - twin.blocker).abs() < 0.52, "{place:?}: {found:?} {twin:?}");
                 compared += 1;
                 carried += usize::from(ages[index].ages[0] > 3.0);
@@ -262,6 +278,7 @@ fn frames_are_those_of_the_twin(light_changes: bool) {
         }
     }
     assert!(compared > 4000 && carried > 2000 && cut > 100, "{compared} {carried} {cut}");
+    assert!(quieter > 1000, "{quieter} samples are less noisy than new ones");
     assert!(along > 50, "{along} samples are carried along with what moves");
     assert!(undecided < compared / 100, "{undecided}");
     testing::assert_valid(&context);

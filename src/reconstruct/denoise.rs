@@ -1,0 +1,97 @@
+//! Light without its noise: `kernels/denoise.wgsl`.
+//!
+//! **A width that follows noise.** Sparse samples are averaged over 24 neighbours whatever their noise is, and that is about
+//! right once frames before have been taken in: a second pass, over neighbours' neighbours, changes pictures of 32 rays by
+//! 0.00 JOD then. A frame for itself it makes better by 0.02 to 0.06 JOD with 32 rays and by 0.06 to 0.22 with 8. Where each
+//! pixel has a sample there is detail of a pixel's size to lose: means over 5 x 5 pixels and over 9 x 9 take the place of the
+//! 24 neighbours, as far as second differences say that there is noise.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::parameters::{PackedSpacing, Rays};
+use super::settings::GuidedSettings;
+use super::shaders;
+use super::tables::Tables;
+use crate::error::Result;
+use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context};
+
+/// How many pixels those lie apart that each pass averages.
+const STRIDES: [u32; 3] = [1, 2, 4];
+/// Pixels across and down a work-group.
+const GROUP: u32 = 8;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub(super) struct DenoiseParameters {
+    rays: Rays,
+    spacing: PackedSpacing,
+    width: u32,
+    height: u32,
+    count: u32,
+    neighbours: u32,
+    stride: u32,
+    measures: u32,
+    normal_power: f32,
+    plane_tolerance: f32,
+    pixel_width: f32,
+    least_expected: f32,
+}
+
+pub(super) struct Denoise {
+    pixels: ComputePipeline,
+    samples: ComputePipeline,
+}
+
+impl Denoise {
+    pub fn new(context: &Context) -> Result<Self> {
+        let pipeline = |entry| ComputePipeline::new(context, &shaders::DENOISE, entry);
+        Ok(Denoise { pixels: pipeline("denoise_pixels")?, samples: pipeline("denoise_samples")? })
+    }
+
+    /// Records the passes over what [`super::samples::Prepare`] has written of `samples`; those are `alone` where they have
+    /// taken nothing from frames before.
+    pub fn record(
+        &self,
+        context: &Context,
+        commands: &mut Commands,
+        tables: &mut Tables,
+        guided: GuidedSettings,
+        samples: &BufferRef,
+        alone: bool,
+        (rays, spacing, pixel_width, least_expected): (Rays, PackedSpacing, f32, f32),
+    ) -> Result<()> {
+        let (width, height) = (tables.width, tables.height);
+        let (sample_of_pixel, nearest) = (tables.sample_of_pixel().cloned(), tables.nearest().cloned());
+        let parameters = DenoiseParameters {
+            rays,
+            spacing,
+            width,
+            height,
+            count: tables.count as u32,
+            neighbours: tables.neighbours,
+            stride: 1,
+            measures: 0,
+            normal_power: guided.normal_power,
+            plane_tolerance: guided.plane_tolerance,
+            pixel_width,
+            least_expected,
+        };
+        let positions = tables.positions().clone();
+        let mut run = |pipeline, indices: &BufferRef, parameters: DenoiseParameters, groups| {
+            commands.barrier();
+            let [noisy, prepared] = tables.next_prepared(context)?;
+            let buffers = [Some(&noisy), Some(&prepared), Some(samples), Some(indices), Some(&positions)];
+            commands.dispatch(pipeline, &buffers, bytemuck::bytes_of(&parameters), groups)
+        };
+        if let Some(sample_of_pixel) = sample_of_pixel {
+            let groups = [width.div_ceil(GROUP), height.div_ceil(GROUP), 1];
+            for (pass, stride) in STRIDES.into_iter().enumerate() {
+                let parameters = DenoiseParameters { stride, measures: u32::from(pass == 0), ..parameters };
+                run(&self.pixels, &sample_of_pixel, parameters, groups)?;
+            }
+        } else if let Some(nearest) = nearest.filter(|_| alone) {
+            run(&self.samples, &nearest, parameters, [parameters.count.div_ceil(GROUP * GROUP), 1, 1])?;
+        }
+        Ok(())
+    }
+}
