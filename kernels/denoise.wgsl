@@ -210,13 +210,15 @@ fn denoise_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
             let index = indices[u32(at.y) * parameters.width + u32(at.x)];
             let by_distance = SPLINE[j % ACROSS] * SPLINE[j / ACROSS];
             alike[j] = take(&around, own, index, vec2<f32>(at), by_distance);
-            let other = noisy[2u * index];
-            let divisor = expected(other, index);
-            lights[j] = vec3(
-                luminance(unpack_emission(other.x)),
-                luminance(divisor * unpack_emission(other.y)),
-                luminance(divisor),
-            );
+            if parameters.measures != 0u {
+                let other = noisy[2u * index];
+                let divisor = expected(other, index);
+                lights[j] = vec3(
+                    luminance(unpack_emission(other.x)),
+                    luminance(divisor * unpack_emission(other.y)),
+                    luminance(divisor),
+                );
+            }
         }
     }
     keep(own, around, parameters.measures != 0u, 1.5);

@@ -110,7 +110,7 @@ impl Reconstruction {
             settings,
             prepare: Prepare::new(context, &settings)?,
             denoise: match settings.mode {
-                Mode::Guided(guided) if guided.neighbours > 1 => Some(Denoise::new(context)?),
+                Mode::Guided(guided) if guided.neighbours > 1 => Some(Denoise::new(context, guided)?),
                 _ => None,
             },
             passes: HashMap::new(),
@@ -224,15 +224,7 @@ impl Reconstruction {
         let of_view = (rays, PackedSpacing::of(frame.view), pixel_width, frame.least_expected);
         self.prepare.record(commands, tables, &self.settings, &samples, &dropped, of_view)?;
         if let Some(denoise) = &self.denoise {
-            denoise.record(
-                &self.context,
-                commands,
-                tables,
-                self.settings.guided(),
-                &samples,
-                alone,
-                of_view,
-            )?;
+            denoise.record(&self.context, commands, tables, &samples, alone, of_view)?;
         }
         commands.end_stage("filter");
         let parameters = PixelParameters::new(tables, &self.settings, frame, rays, pixel_width);

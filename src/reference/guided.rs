@@ -196,19 +196,17 @@ impl Guided<'_> {
                     .map(|s| guide * by_distance(neighbour.distance, s));
             first += vector(other.first) * first_weight;
             first_sum += first_weight;
-            spreads[0].add(first_weight, vector(other.first), DVec3::ONE);
-            spreads[0].know(first_weight, noise_variance(other.toward), vector(other.first));
+            let noise = noise_variance(other.toward);
+            spreads[0].add(first_weight, vector(other.first), DVec3::ONE, noise);
             if expects && other.reflected != 0 {
                 second += (vector(other.second) + least) * expected_weight;
                 second_sum += (emission(other.reflected) + least) * expected_weight;
                 let (light, expected) = (vector(other.second) + least, emission(other.reflected) + least);
-                spreads[1].add(expected_weight, light, expected);
-                spreads[1].know(expected_weight, noise_variance(other.toward), light);
+                spreads[1].add(expected_weight, light, expected, noise);
             } else if !expects && (hole || other.reflected == 0) {
                 second += vector(other.second) * second_weight;
                 second_sum += second_weight;
-                spreads[1].add(second_weight, vector(other.second), DVec3::ONE);
-                spreads[1].know(second_weight, noise_variance(other.toward), vector(other.second));
+                spreads[1].add(second_weight, vector(other.second), DVec3::ONE, noise);
             }
             if let (Some(_), Some(from)) = (toward(own.toward), toward(other.toward)) {
                 let weight = vector(other.first) * first_weight;

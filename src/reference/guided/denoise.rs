@@ -14,32 +14,29 @@ fn luminance(light: DVec3) -> f64 {
     light.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// How values around differ from so much of their divisors as all have together.
+/// How values around differ from their divisors' parts of the mean.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spread {
     sum: f64,
     squares: f64,
-    values: Vec2,
+    /// Of luminances and of their divisors'.
+    values: [f64; 2],
+    /// Of squares, products and divisors' squares.
     moments: [f64; 3],
+    /// What is known of values' noise.
     known: f64,
 }
 
-/// A luminance and its divisor's.
-type Vec2 = [f64; 2];
-
 impl Spread {
-    pub fn add(&mut self, weight: f64, light: DVec3, divisor: DVec3) {
+    /// `noise`: the variance that is known of a light, relative to its square.
+    pub fn add(&mut self, weight: f64, light: DVec3, divisor: DVec3, noise: f64) {
         let [value, divisor] = [light, divisor].map(luminance);
         self.sum += weight;
         self.squares += weight * weight;
         self.values = [self.values[0] + weight * value, self.values[1] + weight * divisor];
         let products = [value * value, value * divisor, divisor * divisor];
         (0..3).for_each(|i| self.moments[i] += weight * products[i]);
-    }
-
-    /// What a sample knows of its noise, relative to its square.
-    pub fn know(&mut self, weight: f64, variance: f64, light: DVec3) {
-        self.known += weight * variance * luminance(light).powi(2);
+        self.known += weight * noise * value * value;
     }
 
     fn mean(&self) -> f64 {
@@ -144,7 +141,7 @@ impl Guided<'_> {
         let lights = [sample.first, sample.second * divisors[1]];
         for light in 0..2 {
             let weight = weights[light] * by_distance;
-            around.spreads[light].add(weight, lights[light], divisors[light]);
+            around.spreads[light].add(weight, lights[light], divisors[light], 0.0);
             around.lights[light] += lights[light] * weight;
             around.divisors[light] += divisors[light] * weight;
             around.noise[light] += weight * luminance(divisors[light]).powi(2) * sample.noise[light];
@@ -274,17 +271,14 @@ impl Guided<'_> {
 /// a row.
 fn measured_noise(around: &[[Neighbour; ACROSS]; ACROSS], light: usize, mean: f64) -> Option<f64> {
     let (mut sum, mut weights) = (0.0, 0.0);
-    for line in 0..ACROSS {
-        for first in 0..ACROSS - 2 {
-            for three in
-                [[0, 1, 2].map(|i| around[line][first + i]), [0, 1, 2].map(|i| around[first + i][line])]
-            {
-                let weight: f64 = three.iter().map(|n| n.weights[light]).product();
-                let off = three.map(|n| n.values[light] - mean * n.divisors[light]);
-                sum += weight * (off[0] - 2.0 * off[1] + off[2]).powi(2) / 6.0;
-                weights += weight;
-            }
-        }
+    let row = |line: usize, first: usize| [0, 1, 2].map(|i| around[line][first + i]);
+    let column = |line: usize, first: usize| [0, 1, 2].map(|i| around[first + i][line]);
+    let places = (0..ACROSS).flat_map(|line| (0..ACROSS - 2).map(move |first| (line, first)));
+    for three in places.flat_map(|(line, first)| [row(line, first), column(line, first)]) {
+        let weight: f64 = three.iter().map(|n| n.weights[light]).product();
+        let off = three.map(|n| n.values[light] - mean * n.divisors[light]);
+        sum += weight * (off[0] - 2.0 * off[1] + off[2]).powi(2) / 6.0;
+        weights += weight;
     }
     (weights > 1e-3).then(|| sum / weights)
 }
