@@ -96,6 +96,17 @@ fn own_of(index: u32, at: vec2<f32>) -> Own {
     return Own(index, packed, unpack_axes(packed.w), point, pixel_width, depth > 0.0);
 }
 
+// Whether no light falls on a sample, which then tells nothing of others'.
+fn is_unlit(more: vec4<u32>) -> bool {
+    return unpack_variances(more.w).x < 0.0;
+}
+
+// Writes a sample that stays as it is: one that has borrowed its light, has none to borrow, or on which none falls.
+fn copy(index: u32) {
+    prepared[2u * index] = noisy[2u * index];
+    prepared[2u * index + 1u] = noisy[2u * index + 1u];
+}
+
 struct Around {
     first: vec3<f32>,
     second: vec3<f32>,
@@ -121,13 +132,16 @@ fn take(around: ptr<function, Around>, own: Own, index: u32, at: vec2<f32>, by_d
     if !(depth > 0.0) {
         return vec2(0.0);
     }
+    let more = noisy[2u * index + 1u];
+    if is_unlit(more) {
+        return vec2(0.0);
+    }
     let away = point_at(parameters.rays, parameters.spacing, at.x, at.y, depth) - own.point;
     let guide = exp2(normal_exponent(own.normal, unpack_axes(other.w), parameters.normal_power)
         + plane_exponent(own.normal, away, parameters.plane_tolerance, own.pixel_width));
     let same = select(guide, 1.0, index == own.index || !own.valid);
     let known = vec2(same, select(0.0, same, ((own.packed.z ^ other.z) & EXPECTS) == 0u));
     let weights = known * by_distance;
-    let more = noisy[2u * index + 1u];
     let divisor = expected(other, index);
     let first = unpack_emission(other.x);
     let second = unpack_emission(other.y) * divisor;
@@ -200,6 +214,10 @@ fn denoise_pixels(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let own = own_of(indices[id.y * parameters.width + id.x], vec2<f32>(id.xy));
+    if bitcast<f32>(own.packed.z) < 0.0 || is_unlit(noisy[2u * own.index + 1u]) {
+        copy(own.index);
+        return;
+    }
     var around: Around;
     for (var j = 0u; j < AREA; j++) {
         alike[j] = vec2(0.0);
@@ -232,8 +250,8 @@ fn denoise_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let own_at = position_of(id.x);
     let own = own_of(id.x, own_at);
-    if !own.valid {
-        prepared[2u * id.x] = own.packed;
+    if !own.valid || is_unlit(noisy[2u * id.x + 1u]) {
+        copy(id.x);
         return;
     }
     let reach = 2.0 * (position_of(indices[(parameters.neighbours - 1u) * parameters.count + id.x]) - own_at);

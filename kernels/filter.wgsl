@@ -79,16 +79,20 @@ fn take_records(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let own = sample_at(id.x);
-    if !is_usable(own) {
+    let usable = is_usable(own);
+    if !usable {
         atomicAdd(&dropped, 1u);
+    }
+    if !usable || own.depth <= 0.0 {
         keep(id.x, vec3(0.0), 0.0, vec3(0.0), false, vec3(0.0), 0u, NOWHERE, vec2(0.0));
         return;
     }
     let expects = own.reflected != 0u;
     let second = select(own.second, (own.second + parameters.least_expected) / expected(own), expects);
     let light = vec2(luminance(own.first), luminance(second));
-    let noise = min(noise_variance(own.toward) * light * light, vec2(1e30));
-    keep(id.x, own.first, max(own.depth, 0.0), second, expects, unpack_normal24(own.normal), own.normal >> 24u, own.toward, noise);
+    let code = noise_code(own.toward);
+    let noise = select(min(noise_variance(code) * light * light, vec2(1e30)), vec2(-1.0), code == NOISE_UNLIT);
+    keep(id.x, own.first, own.depth, second, expects, unpack_normal24(own.normal), own.normal >> 24u, own.toward, noise);
 }
 
 @compute @workgroup_size(64)
@@ -109,6 +113,7 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = f32(at >> 16u);
     let normal = unpack_normal24(own.normal);
     let sun_centre = own.normal >> 24u & 1u;
+    let own_code = noise_code(own.toward);
     let point = point_at(parameters.rays, parameters.spacing, x, y, own.depth);
     let pixel_width = parameters.pixel_width * own.depth * pixel_scale(parameters.spacing, vec2(x, y));
 
@@ -151,7 +156,10 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         let offset = point_at(parameters.rays, parameters.spacing, other_x, other_y, other.depth) - point;
         let alike = exp2(normal_exponent(normal, unpack_normal24(other.normal), parameters.normal_power)
             + plane_exponent(normal, offset, parameters.plane_tolerance, pixel_width));
-        let guide = select(alike, 1.0, hole || index == id.x);
+        let code = noise_code(other.toward);
+        // Of other surfaces' light nothing is known where none falls.
+        let lit = code != NOISE_UNLIT || own_code == NOISE_UNLIT || hole;
+        let guide = select(select(0.0, alike, lit), 1.0, hole || index == id.x);
         let squared = (other_x - x) * (other_x - x) + (other_y - y) * (other_y - y);
         let first_weight = guide * exp2(first_fall * squared);
         let narrow_weight = guide * exp2(second_fall * squared);
@@ -159,7 +167,7 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         first_sum += first_weight;
         let light = luminance(other.first);
         first_squares += first_weight * vec2(light * light, first_weight);
-        let noise = noise_variance(other.toward);
+        let noise = noise_variance(code);
         known.x += first_weight * noise * light * light;
         if expects && other.reflected != 0u {
             let weight = guide * exp2(expected_fall * squared);
@@ -205,7 +213,10 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     );
     let share = vec2(first_squares.y / max(first_sum * first_sum, 1e-30), second_squares.y / max(second_squares.x * second_squares.x, 1e-30));
     let most = known / max(vec2(first_sum, second_moments.z), vec2(1e-30));
-    let noise = clamp(spread, vec2(0.0), most) * share / max(1.0 - share, vec2(0.1));
+    // Few on one surface tell little of how much they differ: it is as likely as what they know themselves.
+    let few = share * share;
+    let noise = mix(clamp(spread, vec2(0.0), most) / max(1.0 - share, vec2(0.1)), most, few) * share;
+    let told = select(noise, vec2(-1.0), own_code == NOISE_UNLIT && !hole);
     let blocker = u32(round(select(0.0, shadow / shadow_sum, shadow_sum > FEW_IN_PENUMBRA * first_sum)));
     var toward = NOWHERE;
     if own.toward.x != 0u && !hole {
@@ -213,5 +224,5 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         // Never 0, which is for those that have none.
         toward = vec3(pack_toward(red * scale.x) | IS_MAPPED, pack_toward(green * scale.y), pack_toward(blue * scale.z));
     }
-    keep(id.x, first, depth, second, expects, normal, blocker << 1u | sun_centre, toward, noise);
+    keep(id.x, first, depth, second, expects, normal, blocker << 1u | sun_centre, toward, told);
 }

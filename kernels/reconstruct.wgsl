@@ -292,14 +292,27 @@ fn place_in_band(at: vec2<u32>) -> u32 {
 
 // Specular light over F0. Where the pixel expects some, `second` is by what the samples' expectations are to be multiplied,
 // so that it is right wherever they are all hidden, or lit, alike; what is added before dividing and taken off after it
-// lets light that none of them expects be added instead. Without such samples (`known`), expectation is all there is.
-fn mirrored(record: VisibilityRecord, second: vec3<f32>, known: bool) -> vec3<f32> {
+// lets light that none of them expects be added instead. Without such samples (`known`), expectation is all there is: of pixels
+// that have not looked where they mirror, no more of it than the light around, which `second` is then, since it may be hidden.
+fn mirrored(record: VisibilityRecord, surface: Surface, second: vec3<f32>, known: bool, f0: vec3<f32>) -> vec3<f32> {
     if record.reflected == 0u {
         return second;
     }
     let expected = unpack_emission(record.reflected);
+    if !known {
+        return select(min(expected, second), expected, has_looked(record, surface, f0));
+    }
     let least = vec3(parameters.least_expected);
-    return select(expected, max((expected + least) * second - least, vec3(0.0)), known);
+    return max((expected + least) * second - least, vec3(0.0));
+}
+
+// Whether a pixel has sent rays to where it mirrors: `mirror_rays` of kernels/shared/glossy.h.
+fn has_looked(record: VisibilityRecord, surface: Surface, f0: vec3<f32>) -> bool {
+    let grazing = 1.0 - clamp(dot(surface.mapped, -normalize(surface.point)), 0.0, 1.0);
+    let reflection = f0 + (1.0 - f0) * (grazing * grazing * (grazing * grazing) * grazing);
+    let strength = max(reflection.x, max(reflection.y, reflection.z));
+    let roughness = roughness_of(record);
+    return strength * (1.0 - roughness / 0.15) > 0.06 || strength * (1.0 - roughness / 0.4) > 0.25;
 }
 
 // `stride`: where few samples are on the pixel's surface, every `stride`-th neighbour of the nearest one is looked at; none with
@@ -347,6 +360,6 @@ fn guided_radiance(at: vec2<u32>, record: VisibilityRecord, stride: u32) -> vec3
     if light.shadow_sum > IN_PENUMBRA * light.own && !has_sunlight(record) {
         visible = seen_of_sun(surface, visible, exp2((light.shadow / light.shadow_sum - f32(BLOCKER_METRE)) / f32(BLOCKER_STEPS)));
     }
-    let reflected = diffuse * first + specular * mirrored(record, second, light.second_sum > 0.0);
+    let reflected = diffuse * first + specular * mirrored(record, surface, second, light.second_sum > 0.0, specular);
     return reflected + sunlight(record, visible, surface, diffuse, specular) + emission;
 }

@@ -411,13 +411,23 @@ static void divide_direction_out(Sample *sample, uint packed[3])
 }
 #endif
 
+// The code of a sample on which no light falls.
+#define NOISE_UNLIT 15u
+
 // How much a sample's light is off by chance, as SampleRecord has it: by the variance of what its rays bring, of diffuse or
 // specular light, whichever is more and matters.
 static uint noise_code(const Shading *shading, const Sample *sample)
 {
     float n = (float)shading->rays;
+    if (!sample->lit)
+        return NOISE_UNLIT;
     if (!(n > 1.0f))
         return 0u;
+#if HAS_GLASS
+    // Light that passes glass has rays of its own.
+    if (sample->surface.transmission > 0.0f)
+        return 0u;
+#endif
     float2 variance = max(sample->squares - sample->brought * sample->brought / n, 0.0f) * (n / (n - 1.0f));
     // Directions are stratified: where an edge of what hides the sky is what varies, variance falls with n to the 1.5
     // (Mitchell 1996). Paths that go on are not.
@@ -427,7 +437,7 @@ static uint noise_code(const Shading *shading, const Sample *sample)
     float2 strength = (float2)(luminance(diffuse_color(&sample->surface)), luminance(specular_scale(sample->f0))) * sum;
     float2 relative = variance / max(sum * sum, 1.0e-30f);
     float most = max(strength.x * 20.0f > strength.y ? relative.x : 0.0f, strength.y * 20.0f > strength.x ? relative.y : 0.0f);
-    return 1u + (uint)clamp((2.0f - log2(max(most, 1.0e-12f))) / 1.5f, 0.0f, 14.0f);
+    return 1u + (uint)clamp((2.0f - log2(max(most, 1.0e-12f))) / 1.5f, 0.0f, 13.0f);
 }
 
 // What becomes of a sample; false where its estimate is not finite, which is marked by a depth of -1.
@@ -437,6 +447,7 @@ static bool end_sample(const Shading *shading, Sample *sample, uint reflected, _
     float depth = sample->depth;
     uint toward[3] = {0u, 0u, 0u};
     if (shading->guided) {
+        uint noise = noise_code(shading, sample);
         // What has no surface that light makes brighter has none to divide by.
         Reflection light = {0.0f, 0.0f};
 #if HAS_NORMAL_MAPS
@@ -447,7 +458,6 @@ static bool end_sample(const Shading *shading, Sample *sample, uint reflected, _
             light = without_colors(&sample->surface, sample->f0, sample->sum);
         first = light.diffuse;
         second = light.specular;
-        uint noise = sample->lit ? noise_code(shading, sample) : 15u;
         toward[1] |= noise << 30;
         toward[2] |= noise >> 2 << 30;
     } else if (sample->lit) {

@@ -38,17 +38,24 @@ fn unpack_toward(packed: u32) -> vec3<f32> {
     return vec3<f32>(vec3(i32(packed << 22u), i32(packed << 12u), i32(packed << 2u)) >> vec3(22u)) / 511.0;
 }
 
-// Of a sample's light, relative to its square: as `noise_variance` of src/layout/records.rs.
-fn noise_variance(toward: vec3<u32>) -> f32 {
-    let code = toward.y >> 30u | toward.z >> 30u << 2u;
+// How noisy a sample's light is, as SampleRecord has it.
+fn noise_code(toward: vec3<u32>) -> u32 {
+    return toward.y >> 30u | toward.z >> 30u << 2u;
+}
+
+// That of samples on which no light falls, so that their light says nothing of others.
+const NOISE_UNLIT = 15u;
+
+// The variance of light relative to its square, by its code: as `noise_variance` of src/layout/packing.rs.
+fn noise_variance(code: u32) -> f32 {
     return select(exp2(2.0 - 1.5 * (f32(code) - 1.0)), 1e6, code == 0u);
 }
 
 // The same code where the light is the mean of so many.
 fn with_less_noise(toward: vec3<u32>, count: f32) -> vec3<u32> {
-    let code = toward.y >> 30u | toward.z >> 30u << 2u;
-    let less = min(code + u32(log2(max(count, 1.0)) / 1.5), 15u);
-    let bits = select(less, 0u, code == 0u);
+    let code = noise_code(toward);
+    let less = min(code + u32(log2(max(count, 1.0)) / 1.5), NOISE_UNLIT - 1u);
+    let bits = select(less, code, code == 0u || code == NOISE_UNLIT);
     return vec3(toward.x, toward.y & 0x3fffffffu | bits << 30u, toward.z & 0x3fffffffu | bits >> 2u << 30u);
 }
 
@@ -97,7 +104,8 @@ fn sample_of(a: vec4<u32>, b: vec4<u32>, c: vec4<u32>) -> SampleRecord {
 // Guided: first and second (see `pack_light`), where second is divided by what the samples expected to mirror if depth
 // has EXPECTS; depth, which is negative where the values are borrowed from neighbours, and 0 where there is nothing to
 // borrow; the normal as three signed bytes, which read faster than an octahedron, with the sun's byte. The second vector
-// counts only if depth has DIRECTED: where red, green and blue light come from, as in SampleRecord.
+// has where red, green and blue light come from, as in SampleRecord, if depth has DIRECTED, and in the last word variances of both
+// lights' luminances.
 const EXPECTS = 1u;
 const DIRECTED = 2u;
 

@@ -21,8 +21,8 @@ pub use constants::*;
 pub use deform::{Influence, Morph, RestVertex};
 pub use frame::{Camera, HitRecord, Shading};
 pub use packing::{
-    noise_variance, pack_emission, pack_normal, pack_normal24, pack_surface, unpack_emission, unpack_normal,
-    unpack_normal24, unpack_surface,
+    NOISE_UNLIT, noise_code, noise_variance, pack_emission, pack_normal, pack_normal24, pack_surface,
+    unpack_emission, unpack_normal, unpack_normal24, unpack_surface,
 };
 pub use records::{SampleRecord, VisibilityRecord};
 pub use scene::{

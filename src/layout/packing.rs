@@ -84,11 +84,21 @@ pub fn unpack_normal(packed: u32) -> [f32; 3] {
     let length = (x * x + y * y + z * z).sqrt();
     [x / length, y / length, z / length]
 }
-/// The variance of a sample's light, relative to its square: of diffuse or specular light, whichever is more, taken from its
-/// rays as if they did not know of each other. Two bits of the second word and two of the third of
-/// [`super::SampleRecord::toward`] say how often it is lower than 4 by a factor of 2 to the 1.5, plus 1; 0 is not known, and 10^6.
-pub fn noise_variance(toward: [u32; 3]) -> f64 {
-    match toward[1] >> 30 | toward[2] >> 30 << 2 {
+
+/// How noisy a sample's light is, in the high two bits of the second and, as higher ones, of the third word of
+/// [`super::SampleRecord::toward`]: see [`noise_variance`].
+pub fn noise_code(toward: [u32; 3]) -> u32 {
+    toward[1] >> 30 | toward[2] >> 30 << 2
+}
+
+/// The code of samples on which no light falls.
+pub const NOISE_UNLIT: u32 = 15;
+
+/// The variance of a sample's light, relative to its square, by its code: 4 less a factor of 2 to the 1.5 for each one above 1;
+/// 0 is not known, and 10^6. It is that of the mean of a sample's rays, of diffuse or of specular light, whichever is more and at
+/// least a twentieth as strong as the other; without bounces it falls from 8 rays on with their number to the 1.5.
+pub fn noise_variance(code: u32) -> f64 {
+    match code {
         0 => 1e6,
         code => (2.0 - 1.5 * f64::from(code - 1)).exp2(),
     }

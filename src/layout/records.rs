@@ -28,8 +28,9 @@ pub struct SampleRecord {
     /// On a surface with a normal map, with guided reconstruction, for red, green and blue: the mean of the directions
     /// from which such light comes, as three 10-bit snorms, x in the low bits; and [`super::IS_MAPPED`] in the first. `first`
     /// is then divided by how much more of this light falls on the mapped normal than on one that faces nowhere
-    /// (`directional_share` of glossy.h), which each pixel multiplies back for its own. Elsewhere 0. The high two bits of
-    /// the second, and those of the third as higher ones, are how much the light is off by chance: see [`noise_variance`].
+    /// (`directional_share` of glossy.h), which each pixel multiplies back for its own. Elsewhere 0, but for
+    /// the high two bits of the second and the third: with guided reconstruction these tell everywhere how noisy the light is
+    /// ([`super::noise_code`]).
     pub toward: [u32; 3],
     /// [`VisibilityRecord::reflected`] of the sample's pixel.
     pub reflected: u32,

@@ -16,6 +16,7 @@ use super::shaders;
 use super::tables::Tables;
 use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context};
+use crate::layout::SampleRecord;
 
 /// How many pixels those lie apart that each pass averages.
 const STRIDES: [u32; 3] = [1, 2, 4];
@@ -63,7 +64,10 @@ impl Denoise {
         (rays, spacing, pixel_width, least_expected): (Rays, PackedSpacing, f32, f32),
     ) -> Result<()> {
         let (width, height) = (tables.width, tables.height);
-        let (sample_of_pixel, nearest) = (tables.sample_of_pixel().cloned(), tables.nearest().cloned());
+        let reached =
+            |_: &&BufferRef| (tables.count * size_of::<SampleRecord>()) as u64 <= context.storage_range();
+        let sample_of_pixel = tables.sample_of_pixel().filter(reached).cloned();
+        let nearest = tables.nearest().cloned();
         let parameters = DenoiseParameters {
             rays,
             spacing,

@@ -6,13 +6,15 @@ use std::f64::consts::PI;
 use glam::{DVec2, DVec3};
 
 mod denoise;
+mod mirrored;
 mod penumbra;
 
 use denoise::Spread;
 
 use super::reconstruct::{WeightKind, nearest, weights};
 use crate::layout::{
-    IS_MAPPED, SampleRecord, VisibilityRecord, noise_variance, unpack_emission, unpack_normal24,
+    IS_MAPPED, NOISE_UNLIT, SampleRecord, VisibilityRecord, noise_code, noise_variance, unpack_emission,
+    unpack_normal24,
 };
 use crate::math::pose::Pose;
 use crate::math::view::View;
@@ -54,7 +56,7 @@ pub struct Prepared {
     pub blocker: f64,
     /// Mean directions of red, green and blue light, where they are known.
     pub toward: Option<[DVec3; 3]>,
-    /// Variances of the luminances of `first` and `second` that noise is known to have.
+    /// Variances of the luminances of `first` and `second` that noise has at most; negative where no light falls.
     pub noise: [f64; 2],
 }
 
@@ -117,6 +119,10 @@ fn toward(packed: [u32; 3]) -> Option<[DVec3; 3]> {
 
 fn finite(record: &SampleRecord) -> bool {
     record.first.iter().chain(&record.second).chain([&record.depth]).all(|v| v.is_finite())
+}
+
+fn is_unlit(record: &SampleRecord) -> bool {
+    noise_code(record.toward) == NOISE_UNLIT
 }
 
 fn vector(v: [f32; 3]) -> DVec3 {
@@ -188,6 +194,8 @@ impl Guided<'_> {
             let offset = self.point_at(self.positions[neighbour.sample], f64::from(other.depth)) - point;
             let guide = if hole || neighbour.sample == index {
                 1.0
+            } else if is_unlit(other) && !is_unlit(own) {
+                0.0
             } else {
                 self.alike(normal, normal24(other.normal), offset, width)
             };
@@ -196,7 +204,7 @@ impl Guided<'_> {
                     .map(|s| guide * by_distance(neighbour.distance, s));
             first += vector(other.first) * first_weight;
             first_sum += first_weight;
-            let noise = noise_variance(other.toward);
+            let noise = noise_variance(noise_code(other.toward));
             spreads[0].add(first_weight, vector(other.first), DVec3::ONE, noise);
             if expects && other.reflected != 0 {
                 second += (vector(other.second) + least) * expected_weight;
@@ -233,7 +241,7 @@ impl Guided<'_> {
             toward: toward(own.toward)
                 .filter(|_| !hole)
                 .map(|_| [0, 1, 2].map(|c| directions[c] / direction_sum[c].max(1e-30))),
-            noise: spreads.map(|spread| spread.variance_of_mean()),
+            noise: if is_unlit(own) && !hole { [-1.0; 2] } else { spreads.map(|s| s.variance_of_mean()) },
         }
     }
 
@@ -305,7 +313,7 @@ impl Guided<'_> {
         for (index, weight) in weights(self.positions, at, choices.k, choices.weights) {
             self.add(&mut light, &surface, index, &prepared[index], weight, 0.0);
         }
-        if stride > 0 && light.own < ENOUGH && choices.neighbours > 1 {
+        if stride > 0 && light.own < ENOUGH && choices.neighbours > 1 && !self.is_full() {
             let needed = 1.0 - light.own / ENOUGH;
             let first = nearest(self.positions, at, 1)[0].sample;
             let around = nearest(self.positions, self.positions[first], choices.neighbours);
@@ -329,18 +337,9 @@ impl Guided<'_> {
         let second = if known { light.second / light.second_sum } else { first };
         let visible = self.visible(at, &surface, &light);
         surface.diffuse * first
-            + surface.f0 * self.mirrored(record, second, known)
+            + surface.f0 * self.mirrored(record, &surface, second, known)
             + self.sunlight(&surface, visible)
             + emission(record.emission)
-    }
-
-    fn mirrored(&self, record: &VisibilityRecord, second: DVec3, known: bool) -> DVec3 {
-        let (expected, least) = (emission(record.reflected), self.choices.least_expected);
-        match (record.reflected, known) {
-            (0, _) => second,
-            (_, false) => expected,
-            (_, true) => ((expected + least) * second - least).max(DVec3::ZERO),
-        }
     }
 
     /// glTF's BRDF for the sun, as `src/reference/brdf.rs` has it, under a lobe that its disc widens.

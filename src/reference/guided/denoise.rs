@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::{Guided, Prepared, emission};
-use crate::layout::{SampleRecord, noise_variance};
+use super::{Guided, Prepared, emission, is_unlit};
+use crate::layout::{SampleRecord, noise_code, noise_variance};
 use crate::reference::reconstruct::nearest;
 
 /// Pixels across and down that a pass takes around one.
@@ -64,7 +64,8 @@ impl Spread {
         let mean = self.mean();
         let off = self.moments[0] - mean * (2.0 * self.moments[1] - mean * self.moments[2]);
         let share = 1.0 / self.count();
-        off.clamp(0.0, self.known.max(0.0)) / self.moments[2] * share / (1.0 - share).max(0.1)
+        let spread = off.clamp(0.0, self.known) / (1.0 - share).max(0.1);
+        (spread + (self.known - spread) * share * share) / self.moments[2] * share
     }
 }
 
@@ -91,16 +92,18 @@ impl Guided<'_> {
     /// Each sample, averaged with its neighbours on its surface, and those more widely as far as they are noisy: what the
     /// device makes of a frame that knows of none before.
     pub fn prepare(&self, samples: &[SampleRecord]) -> Vec<Prepared> {
-        let full = self.positions.len() == self.view.pixels();
         match self.choices.neighbours {
             1 => self.filter_samples(samples),
-            _ if full => {
+            _ if self.is_full() => {
                 let choices = super::Choices { neighbours: 1, ..self.choices };
                 let mut taken = Guided { choices, ..*self }.filter_samples(samples);
                 for (taken, sample) in taken.iter_mut().zip(samples) {
-                    let variance = noise_variance(sample.toward);
-                    taken.noise = [taken.first, taken.second]
-                        .map(|light| (variance * luminance(light).powi(2)).min(1e30));
+                    let variance = noise_variance(noise_code(sample.toward));
+                    let lights = [taken.first, taken.second];
+                    taken.noise = match is_unlit(sample) && taken.depth > 0.0 {
+                        true => [-1.0; 2],
+                        false => lights.map(|light| (variance * luminance(light).powi(2)).min(1e30)),
+                    };
                 }
                 [1, 2, 4].into_iter().fold(taken, |prepared, stride| {
                     self.denoise_pixels(samples, &prepared, stride, stride == 1)
@@ -108,6 +111,11 @@ impl Guided<'_> {
             }
             _ => self.denoise_samples(samples, &self.filter_samples(samples)),
         }
+    }
+
+    /// Whether each pixel has a sample of its own.
+    pub(super) fn is_full(&self) -> bool {
+        self.positions.len() == self.view.pixels()
     }
 
     fn divisor(&self, sample: &SampleRecord, prepared: &Prepared) -> DVec3 {
@@ -126,7 +134,7 @@ impl Guided<'_> {
         by_distance: f64,
     ) -> Neighbour {
         let (at, sample) = (&prepared[own], &prepared[other]);
-        if sample.depth <= 0.0 {
+        if sample.depth <= 0.0 || sample.noise[0] < 0.0 {
             return Neighbour::default();
         }
         let place = |index: usize| self.point_at(self.positions[index], prepared[index].depth);
@@ -211,7 +219,7 @@ impl Guided<'_> {
             sample_of_pixel[(y * self.view.width + x) as usize] = sample;
         }
         let denoised = |own: usize| {
-            if prepared[own].depth < 0.0 {
+            if prepared[own].depth < 0.0 || prepared[own].noise[0] < 0.0 {
                 return prepared[own];
             }
             let [x, y] = self.positions[own].map(|v| v as i32);
@@ -249,7 +257,7 @@ impl Guided<'_> {
             DVec3::from_array([self.positions[sample][0].into(), self.positions[sample][1].into(), 0.0])
         };
         let denoised = |own: usize| {
-            if prepared[own].depth <= 0.0 {
+            if prepared[own].depth <= 0.0 || prepared[own].noise[0] < 0.0 {
                 return prepared[own];
             }
             let reach = 2.0 * lists[own].last().map_or(1.0, |last| last.distance);
