@@ -26,7 +26,8 @@
 //!   other eye has just found there
 //! - reconstruct (`Reconstruction::submit`): `filter_samples` averages each sample with its neighbours on its
 //!   surface, and `kernels/denoise.wgsl` as far as it is noisy where a frame knows of none before, or each
-//!   pixel has a sample; a fragment shader makes each pixel, adds the sun's light to it, and writes the target; where the view's pixels are wider than the picture's, `shade_pixels` makes the former and
+//!   pixel has a sample; a fragment shader makes each pixel, adds the sun's light to it, and writes the target;
+//!   where the view's pixels are wider than the picture's, `shade_pixels` makes the former and
 //!   `kernels/magnify.wgsl` the latter, from the mean over some pictures (`kernels/resolve.wgsl`) where light is reused
 //!
 //! Tracing is waited for before its samples are shared; reconstruction is not, so the second eye is traced

@@ -2,7 +2,7 @@
 //!
 //! A new pattern ([`Reconstruction::set_pattern`]) has its neighbours found once on the device: the k
 //! samples nearest to each pixel with their weights, and, for guided reconstruction, those nearest to
-//! each sample. A frame ([`Reconstruction::submit`]) then takes two passes: one over the samples
+//! each sample. A frame ([`Reconstruction::submit`]) then takes two kinds of passes: over the samples
 //! (what is not finite is taken out; guided: each is averaged with its neighbours on its surface),
 //! and one over the pixels, which writes the target.
 //!

@@ -45,7 +45,8 @@ impl Default for Mode {
 /// How strictly guided reconstruction keeps surfaces apart, and how far it averages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuidedSettings {
-    /// Samples that each sample is averaged with, itself included: 1 (nothing is averaged) to [`MAX_NEIGHBOURS`].
+    /// Samples that each sample is averaged with, itself included: 1 (nothing is averaged) to [`MAX_NEIGHBOURS`]. Where each
+    /// pixel has a sample, all but 1 say the same.
     pub neighbours: u32,
     /// Exponent of the cosine between two normals: larger is stricter.
     pub normal_power: f32,

@@ -255,7 +255,7 @@ fn guided_pictures_are_those_of_double_precision() {
     });
 }
 
-/// With a sample in each pixel noise is averaged away, and nothing else: few rays gain much, and many lose nothing.
+/// With a sample in each pixel noise is averaged away, and little else: few rays gain much, and many lose less than they are off.
 /// Sparse samples are averaged further, too, where they are noisy.
 #[test]
 fn pictures_are_averaged_as_far_as_they_are_noisy() {
@@ -298,7 +298,7 @@ fn pictures_are_averaged_as_far_as_they_are_noisy() {
     });
 }
 
-/// What samples say of their noise is a bound, and not far above it: how far estimates with other seeds lie apart.
+/// What samples say of their noise is about how far estimates with other seeds lie apart.
 #[test]
 fn samples_know_how_noisy_they_are() {
     on_every_device(|device| {
