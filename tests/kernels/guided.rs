@@ -10,7 +10,7 @@ use foveate::math::pose::Pose;
 use foveate::math::spacing::{Axis, Spacing};
 use foveate::math::view::View;
 use foveate::reconstruct::{
-    Frame, GuidedSettings, Mode, Output, Reconstruction, Settings as Reconstructed, Weights,
+    Frame, GuidedSettings, Mode, Output, Reconstruction, Reuse, Settings as Reconstructed, Weights,
 };
 use foveate::reference::guided::{Choices, Guided, directional_share};
 use foveate::reference::reconstruct::WeightKind;
@@ -100,8 +100,22 @@ fn shown(
     neighbours: u32,
     from: Option<Pose>,
 ) -> Vec<DVec3> {
+    last_shown(context, view, picture, samples, neighbours, from, 1)
+}
+
+/// The last one of so many frames that are all alike, of which later ones take light from earlier ones.
+fn last_shown(
+    context: &Context,
+    view: &View,
+    picture: &Picture,
+    samples: &[u32],
+    neighbours: u32,
+    from: Option<Pose>,
+    frames: usize,
+) -> Vec<DVec3> {
     let guided = GuidedSettings { neighbours, ..GuidedSettings::default() };
-    let settings = Reconstructed { mode: Mode::Guided(guided), k: 4, weights: Weights::Shepard, reuse: None };
+    let reuse = (frames > 1).then_some(Reuse { frames: 32, eyes: false, pictures: 1 });
+    let settings = Reconstructed { mode: Mode::Guided(guided), k: 4, weights: Weights::Shepard, reuse };
     let mut reconstruction = Reconstruction::new(context, settings).unwrap();
     reconstruction.set_pattern(0, view.width, view.height, samples).unwrap();
     let buffer = |bytes: &[u8]| {
@@ -128,8 +142,10 @@ fn shown(
         jitter: Default::default(),
         outputs: &[Output::whole(image.target(), 0.0)],
     };
-    reconstruction.submit(0, &frame).unwrap();
-    reconstruction.wait(0).unwrap();
+    for _ in 0..frames {
+        reconstruction.submit(0, &frame).unwrap();
+        reconstruction.wait(0).unwrap();
+    }
     let floats: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&image.read().unwrap());
     floats.iter().map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).collect()
 }
@@ -295,6 +311,24 @@ fn pictures_are_averaged_as_far_as_they_are_noisy() {
         errors = errors.map(|sum| sum / 3.0);
         println!("sparse: {:.4} for {:.4}", errors[0], errors[1]);
         assert!(errors[0] < 0.98 * errors[1], "{errors:?}");
+    });
+}
+
+/// Sparse samples of frames that know of earlier ones are averaged once, and those of the first one a second time.
+#[test]
+fn frames_that_know_of_earlier_ones_are_averaged_once() {
+    let Some(context) = common::vulkan() else { return };
+    on_every_device(|device| {
+        let (scene, light) = (still_life(), light());
+        let (picture, samples) = traced(&mut Bench::new(device, &scene, &light), &eye());
+        let once = filtered_once(&eye(), &picture, &samples);
+        let twice = right(&eye(), &picture, &samples, 24, None);
+        for (frames, [as_once, as_twice]) in [(1, [false, true]), (2, [true, false]), (3, [true, false])] {
+            let found = last_shown(&context, &eye(), &picture, &samples, 24, None, frames);
+            let off = [compare(&found, &once).0, compare(&found, &twice).0];
+            println!("{frames} frames: {off:?} pixels off");
+            assert_eq!(off.map(|count| count < 40), [as_once, as_twice], "{frames}: {off:?}");
+        }
     });
 }
 
