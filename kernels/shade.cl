@@ -34,6 +34,8 @@ typedef struct {
     bool mapped;
     float plain[32];
     float4 toward[3];
+    // Sums of the squares of those weights.
+    float3 toward_squares;
 #endif
 } Sample;
 
@@ -247,6 +249,7 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
             sample->toward[0] += (float4)(d, 1.0f) * brought.x;
             sample->toward[1] += (float4)(d, 1.0f) * brought.y;
             sample->toward[2] += (float4)(d, 1.0f) * brought.z;
+            sample->toward_squares += brought * brought;
         }
 #endif
     }
@@ -334,6 +337,7 @@ static void begin_sample(const Scene *scene, const Camera *camera, const Shading
     sample->mapped = false;
     for (uint i = 0; i < 3u; ++i)
         sample->toward[i] = 0.0f;
+    sample->toward_squares = 0.0f;
 #endif
     w->mask = 0;
     if (!IS_HIT(hit.triangle)) {
@@ -396,13 +400,23 @@ static uint add_glass_light(const Scene *scene, const Shading *shading, const Ca
 #endif
 
 #if HAS_NORMAL_MAPS
+// The mean of directions that are weighted by what they bring, `sum`, without the length that it has because they are few:
+// the square of a mean of n random ones' lengths is 1 / n, where n = sum^2 / squares of equal weights would have as much noise.
+static float3 mean_direction(float4 sum, float squares)
+{
+    float3 mean = sum.xyz / sum.w;
+    float square = dot3(mean, mean), chance = squares / (sum.w * sum.w);
+    float whole = (square - chance) / max(1.0f - chance, 1.0e-3f);
+    return whole > 0.0f ? mean * sqrt(min(whole / square, 1.0f)) : 0.0f;
+}
+
 // Takes the mapped normal's shares out of a sample's diffuse light, and packs where light comes from: see SampleRecord.
 static void divide_direction_out(Sample *sample, uint packed[3])
 {
-    float shares[3];
+    float shares[3], squares[3] = {sample->toward_squares.x, sample->toward_squares.y, sample->toward_squares.z};
     for (uint i = 0; i < 3u; ++i) {
         float4 sum = sample->toward[i];
-        float3 toward = sum.w > 0.0f ? sum.xyz / sum.w : (float3)(0.0f);
+        float3 toward = sum.w > 0.0f ? mean_direction(sum, squares[i]) : (float3)(0.0f);
         packed[i] = pack_toward(all_finite(toward) ? toward : (float3)(0.0f));
         shares[i] = directional_share(unpack_toward(packed[i]), sample->surface.normal);
     }

@@ -332,6 +332,40 @@ fn frames_that_know_of_earlier_ones_are_averaged_once() {
     });
 }
 
+/// Few rays tell less of where light comes from than their mean direction's length says: floors with normal maps beneath a roof
+/// are not much brighter with eight rays than with many.
+#[test]
+fn few_rays_leave_normal_maps_as_bright_as_many() {
+    let Some(context) = common::vulkan() else { return };
+    on_every_device(|device| {
+        let bumpy = Material { normal_texture: mapped(0, 0.5), ..matt(0.6) };
+        let mut scene = scene_of(vec![bumpy, matt(0.5)]);
+        scene.textures =
+            vec![texture(false, |i| [90 + 11 * (i % 4) as u8, 100 + 13 * (i / 4) as u8, 230, 255])];
+        floor(&mut scene, 6.0, 0.0, 0);
+        cuboid(&mut scene, Vec3::new(-1.5, 0.6, -1.5), Vec3::new(1.5, 0.9, 0.7), 1);
+        let (light, view) = (colourful(), eye());
+        let mut bench = Bench::new(device, &scene, &light);
+        let mut brightness = |rays: u32, seeds: u32, neighbours: u32| {
+            let sum: f64 = (0..seeds)
+                .map(|seed| {
+                    let settings = Settings { guided: true, rays, seed, ..PLAIN };
+                    let picture = bench.trace(&view, &settings, &all_pixels(&view));
+                    let samples = all_pixels(&view).samples;
+                    let shown = shown(&context, &view, &picture, &samples, neighbours, None);
+                    let floor = |(pixel, _): &(usize, &DVec3)| picture.samples[*pixel].toward[0] != 0;
+                    shown.iter().enumerate().filter(floor).map(|(_, color)| color.element_sum()).sum::<f64>()
+                })
+                .sum();
+            sum / f64::from(seeds)
+        };
+        let (few, many) = (brightness(8, 12, 24), brightness(512, 1, 1));
+        println!("8 rays: {:.4} of the light of 512", few / many);
+        // What is left is of samples whose direction and light are off together.
+        assert!((few / many - 1.0).abs() < 0.035, "{few} for {many}");
+    });
+}
+
 /// What samples say of their noise is about how far estimates with other seeds lie apart.
 #[test]
 fn samples_know_how_noisy_they_are() {
