@@ -4,7 +4,7 @@
 // kept as the variance around has that noise does not explain. It runs where each pixel has a sample of its own, several
 // times with pixels farther and farther apart, weighted by a B3 spline (Dammertz et al. 2010); what noise there is at most
 // samples know by their rays, and second differences show it, which slopes have none of (Immerkaer 1996). And it runs once over
-// sparse samples that filter.wgsl has averaged, which knows how much they differed.
+// sparse samples that filter.wgsl has averaged, which knows how much they differed, and that are noisy all the same.
 //#include shared/records.wgsl
 
 struct Parameters {
@@ -40,6 +40,9 @@ const REACH = 2;
 const ACROSS = 5u;
 const AREA = 25u;
 const SPLINE = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
+
+// Standard deviation of sparse samples' light, relative to it, of which nothing is seen: where frames before are known.
+const UNSEEN = 0.03;
 
 // Of the pixels around, as far as they lie on one's surface: weights without distance, and luminances of diffuse light, of
 // specular light, and of what the latter is divided by.
@@ -250,7 +253,9 @@ fn denoise_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let own_at = position_of(id.x);
     let own = own_of(id.x, own_at);
-    if !own.valid || is_unlit(noisy[2u * id.x + 1u]) {
+    let noise = unpack_variances(noisy[2u * id.x + 1u].w);
+    let light = vec2(luminance(unpack_emission(own.packed.x)), luminance(unpack_emission(own.packed.y)));
+    if !own.valid || all(noise <= UNSEEN * UNSEEN * light * light) {
         copy(id.x);
         return;
     }

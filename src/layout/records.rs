@@ -25,7 +25,7 @@ pub struct SampleRecord {
     /// reconstruction: bit 0 whether the sun's centre is seen, and in the other seven, where a part of its disc is hidden, how far
     /// away what hides it is: [`super::BLOCKER_STEPS`] for each doubling, [`super::BLOCKER_METRE`] at a metre. Elsewhere 0.
     pub normal: u32,
-    /// On a surface with a normal map, with guided reconstruction, for red, green and blue: the mean of the directions
+    /// On a surface with a normal map, with guided reconstruction, for red, green and blue: the mean of the directions, as of many rays,
     /// from which such light comes, as three 10-bit snorms, x in the low bits; and [`super::IS_MAPPED`] in the first. `first`
     /// is then divided by how much more of this light falls on the mapped normal than on one that faces nowhere
     /// (`directional_share` of glossy.h), which each pixel multiplies back for its own. Elsewhere 0, but for

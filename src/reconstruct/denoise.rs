@@ -1,12 +1,11 @@
 //! Light without its noise: `kernels/denoise.wgsl`.
 //!
-//! **A width that follows noise.** Sparse samples are averaged over 24 neighbours whatever their noise is, and that is about
-//! right once frames before have been taken in: a second pass, over neighbours' neighbours, changed sequences by 0.00 JOD and
-//! cost 2 to 5 % of a frame there. A frame that knows of none before gains up to 0.2 JOD by it with 8 rays, and nothing with
-//! 128. Where each pixel has a sample, there is detail of a pixel's size to lose: means over 5 x 5 pixels that lie 1, 2 and 4
-//! apart take the neighbours' place, as far as rays' variance and second differences say that there is noise. The former alone
-//! took edges for noise at 1024 rays of the tests' still life as the latter alone did: 0.017 and 0.027 off, both 0.008. Views
-//! of more pixels than one binding reaches stay as noisy as they are.
+//! **A width that follows noise.** Sparse samples are averaged over 24 neighbours, and where that leaves more noise than is
+//! seen, over neighbours' neighbours: up to 0.2 JOD are gained with 8 rays, and nothing with 128. At rest, when frames before are
+//! known, most samples are passed by. Where each pixel has a sample, there is detail of a pixel's size to lose: means over
+//! 5 x 5 pixels that lie 1, 2 and 4 apart take the neighbours' place, as far as rays' variance and second differences say that
+//! there is noise. The former alone took edges for noise at 1024 rays of the tests' still life as the latter alone did: 0.017 and
+//! 0.027 off, both 0.008. Views of more pixels than one binding reaches stay as noisy as they are.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -52,15 +51,13 @@ impl Denoise {
         Ok(Denoise { guided, pixels: pipeline("denoise_pixels")?, samples: pipeline("denoise_samples")? })
     }
 
-    /// Records the passes over what [`super::samples::Prepare`] has written of `samples`; those are `alone` where they have
-    /// taken nothing from frames before.
+    /// Records the passes over what [`super::samples::Prepare`] has written of `samples`.
     pub fn record(
         &self,
         context: &Context,
         commands: &mut Commands,
         tables: &mut Tables,
         samples: &BufferRef,
-        alone: bool,
         (rays, spacing, pixel_width, least_expected): (Rays, PackedSpacing, f32, f32),
     ) -> Result<()> {
         let (width, height) = (tables.width, tables.height);
@@ -95,7 +92,7 @@ impl Denoise {
                 let parameters = DenoiseParameters { stride, measures: u32::from(pass == 0), ..parameters };
                 run(&self.pixels, &sample_of_pixel, parameters, groups)?;
             }
-        } else if let Some(nearest) = nearest.filter(|_| alone) {
+        } else if let Some(nearest) = nearest {
             run(&self.samples, &nearest, parameters, [parameters.count.div_ceil(GROUP * GROUP), 1, 1])?;
         }
         Ok(())

@@ -243,11 +243,6 @@ impl History {
         })
     }
 
-    /// Whether the next frame finds nothing.
-    pub fn is_empty(&self) -> bool {
-        self.last.is_none()
-    }
-
     /// The next frame finds nothing.
     pub fn forget(&mut self) {
         if let Some(kept) = self.last.take() {

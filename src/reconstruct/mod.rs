@@ -193,7 +193,6 @@ impl Reconstruction {
         let rays = rays(frame.view, frame.sun);
         let pixel_width = f64::from(rays.across[0]).hypot(f64::from(rays.across[1]));
         let pixel_width = pixel_width.hypot(f64::from(rays.across[2])) as f32;
-        let alone = state.history.is_empty();
         let samples = match (&self.accumulate, &frame.visibility) {
             (Some(accumulate), Some(visibility)) if tables.bands().len() == 1 => {
                 let GuidedSettings { normal_power, plane_tolerance, .. } = self.settings.guided();
@@ -224,7 +223,7 @@ impl Reconstruction {
         let of_view = (rays, PackedSpacing::of(frame.view), pixel_width, frame.least_expected);
         self.prepare.record(commands, tables, &self.settings, &samples, &dropped, of_view)?;
         if let Some(denoise) = &self.denoise {
-            denoise.record(&self.context, commands, tables, &samples, alone, of_view)?;
+            denoise.record(&self.context, commands, tables, &samples, of_view)?;
         }
         commands.end_stage("filter");
         let parameters = PixelParameters::new(tables, &self.settings, frame, rays, pixel_width);

@@ -314,20 +314,20 @@ fn pictures_are_averaged_as_far_as_they_are_noisy() {
     });
 }
 
-/// Sparse samples of frames that know of earlier ones are averaged once, and those of the first one a second time.
+/// Sparse samples are averaged a second time as far as they are noisy, in frames that know of earlier ones, too.
 #[test]
-fn frames_that_know_of_earlier_ones_are_averaged_once() {
+fn frames_that_know_of_earlier_ones_are_averaged_by_noise() {
     let Some(context) = common::vulkan() else { return };
     on_every_device(|device| {
         let (scene, light) = (still_life(), light());
         let (picture, samples) = traced(&mut Bench::new(device, &scene, &light), &eye());
         let once = filtered_once(&eye(), &picture, &samples);
         let twice = right(&eye(), &picture, &samples, 24, None);
-        for (frames, [as_once, as_twice]) in [(1, [false, true]), (2, [true, false]), (3, [true, false])] {
+        for frames in [1, 2] {
             let found = last_shown(&context, &eye(), &picture, &samples, 24, None, frames);
             let off = [compare(&found, &once).0, compare(&found, &twice).0];
             println!("{frames} frames: {off:?} pixels off");
-            assert_eq!(off.map(|count| count < 40), [as_once, as_twice], "{frames}: {off:?}");
+            assert!(off[0] > 100 && off[1] < 40, "{frames}: {off:?}");
         }
     });
 }

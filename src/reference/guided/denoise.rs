@@ -10,6 +10,9 @@ use crate::reference::reconstruct::nearest;
 const ACROSS: usize = 5;
 const SPLINE: [f64; ACROSS] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
 
+/// Relative standard deviation of sparse samples' light of which nothing is seen.
+const UNSEEN: f64 = 0.03;
+
 fn luminance(light: DVec3) -> f64 {
     light.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
@@ -257,7 +260,9 @@ impl Guided<'_> {
             DVec3::from_array([self.positions[sample][0].into(), self.positions[sample][1].into(), 0.0])
         };
         let denoised = |own: usize| {
-            if prepared[own].depth <= 0.0 || prepared[own].noise[0] < 0.0 {
+            let lights = [prepared[own].first, prepared[own].second].map(luminance);
+            let unseen = |light: usize| prepared[own].noise[light] <= (UNSEEN * lights[light]).powi(2);
+            if prepared[own].depth <= 0.0 || unseen(0) && unseen(1) {
                 return prepared[own];
             }
             let reach = 2.0 * lists[own].last().map_or(1.0, |last| last.distance);
