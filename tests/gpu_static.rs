@@ -53,7 +53,7 @@ const ALLOWED: [Limit; 11] = [
     limit("settle_blends", [98, 128], [144, 136]),
     limit("share_blends", [39, 0], [27, 0]),
     limit("light_cells", [248, 1888], [248, 2096]),
-    limit("shade_samples", [255, 5520], [255, 5760]),
+    limit("shade_samples", [255, 5568], [256, 5808]),
     limit("deform_vertices", [40, 0], [51, 0]),
     limit("place_triangles", [36, 0], [31, 0]),
     limit("fit_nodes", [64, 0], [53, 0]),

@@ -25,8 +25,8 @@
 //!   sample takes what the last frame has accumulated where its surface point was seen then, and what the
 //!   other eye has just found there
 //! - reconstruct (`Reconstruction::submit`): `filter_samples` averages each sample with its neighbours on its
-//!   surface, and `kernels/denoise.wgsl` as far as it is noisy where a frame knows of none before, or each
-//!   pixel has a sample; a fragment shader makes each pixel, adds the sun's light to it, and writes the target;
+//!   surface, and `kernels/denoise.wgsl` more widely as far as it is noisy; a fragment shader makes each pixel,
+//!   adds the sun's light to it, and writes the target;
 //!   where the view's pixels are wider than the picture's, `shade_pixels` makes the former and
 //!   `kernels/magnify.wgsl` the latter, from the mean over some pictures (`kernels/resolve.wgsl`) where light is reused
 //!
