@@ -113,7 +113,7 @@ const GLIDES = 2.0;
 const ELSEWHERE = 0.1;
 // Where things or lights move it has also where the neighbourhood's brightness is so many standard errors off what it was;
 // of its variance in the past so much counts at least, and of fewer neighbours than these nothing is told.
-const SUDDEN = 2.5;
+const SUDDEN = 3.2;
 const PAST_SHARE = 0.3;
 const FEW = 5.0;
 // There, the weight of what was found on the other side of the sun's shadow: light from around the sun differs there as the sun does.

@@ -27,7 +27,7 @@ pub const GLIDES: f64 = 2.0;
 pub const ELSEWHERE: f64 = 0.1;
 /// Where things or lights move, standard errors by which a neighbourhood's brightness is off what it was once light has
 /// changed; see `kernels/accumulate.wgsl`.
-pub const SUDDEN: f64 = 2.5;
+pub const SUDDEN: f64 = 3.2;
 /// Share of the variance in the past that counts at least.
 pub const PAST_SHARE: f64 = 0.3;
 /// Neighbours at least that tell of such a change.
