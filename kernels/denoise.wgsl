@@ -42,7 +42,7 @@ const AREA = 25u;
 const SPLINE = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
 
 // Standard deviation of sparse samples' light, relative to it, of which nothing is seen.
-const UNSEEN = 0.03;
+const UNSEEN = 0.05;
 
 // Of the pixels around, as far as they lie on one's surface: weights without distance, and luminances of diffuse light, of
 // specular light, and of what the latter is divided by.

@@ -400,16 +400,6 @@ static uint add_glass_light(const Scene *scene, const Shading *shading, const Ca
 #endif
 
 #if HAS_NORMAL_MAPS
-// The mean of directions that are weighted by what they bring, `sum`, without the length that it has because they are few:
-// the square of a mean of n random ones' lengths is 1 / n, where n = sum^2 / squares of equal weights would have as much noise.
-static float3 mean_direction(float4 sum, float squares)
-{
-    float3 mean = sum.xyz / sum.w;
-    float square = dot3(mean, mean), chance = squares / (sum.w * sum.w);
-    float whole = (square - chance) / max(1.0f - chance, 1.0e-3f);
-    return whole > 0.0f ? mean * sqrt(min(whole / square, 1.0f)) : 0.0f;
-}
-
 // Takes the mapped normal's shares out of a sample's diffuse light, and packs where light comes from: see SampleRecord.
 static void divide_direction_out(Sample *sample, uint packed[3])
 {

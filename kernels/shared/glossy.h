@@ -95,6 +95,16 @@ static float directional_share(float3 toward, float3 n)
     return max(even + (1.0f - even) * (power + 1.0f) * pow(q, power), 0.1f);
 }
 
+// The mean of directions that are weighted by what they bring, `sum`, without the length that it has because they are few:
+// the square of a mean of n random ones' lengths is 1 / n, where n = sum^2 / squares of equal weights would have as much noise.
+static float3 mean_direction(float4 sum, float squares)
+{
+    float3 mean = sum.xyz / sum.w;
+    float square = dot3(mean, mean), chance = squares / (sum.w * sum.w);
+    float whole = (square - chance) / max(1.0f - chance, 1.0e-3f);
+    return whole > 0.0f ? mean * sqrt(min(whole / square, 1.0f)) : 0.0f;
+}
+
 // Three 10-bit snorms.
 static uint pack_toward(float3 v)
 {

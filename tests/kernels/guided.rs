@@ -3,9 +3,7 @@
 
 use foveate::foveation::{Law, Pattern};
 use foveate::gpu::vulkan::{Context, Format, HostBuffer, Image};
-use foveate::layout::{
-    IS_MAPPED, SampleRecord, VisibilityRecord, noise_code, noise_variance, unpack_emission, unpack_normal24,
-};
+use foveate::layout::{IS_MAPPED, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
 use foveate::math::pose::Pose;
 use foveate::math::spacing::{Axis, Spacing};
 use foveate::math::view::View;
@@ -59,7 +57,7 @@ pub fn still_life() -> Scene {
 
 /// The sun stands low behind things, where Fresnel's reflection is strong, and is so large that its shadows are soft over
 /// several pixels.
-fn light() -> Environment {
+pub fn light() -> Environment {
     let mut light = Sky { sun_elevation_deg: 16.0, sun_azimuth_deg: 14.0, ..Sky::default() }.bake();
     if let Some(sun) = &mut light.sun {
         let irradiance = sun.radiance * sun.solid_angle() as f32;
@@ -69,7 +67,7 @@ fn light() -> Environment {
     light
 }
 
-fn eye() -> View {
+pub fn eye() -> View {
     view(DVec3::new(0.3, 1.5, 3.1), DVec3::new(0.0, 0.5, 0.0), 50.0, SIZE)
 }
 
@@ -82,7 +80,7 @@ fn spaced_eye() -> View {
 }
 
 /// The traced records of a sparse pattern.
-fn traced(bench: &mut Bench, view: &View) -> (Picture, Vec<u32>) {
+pub fn traced(bench: &mut Bench, view: &View) -> (Picture, Vec<u32>) {
     traced_at(bench, view, Pattern::new(view, &Law::default(), DVec2::splat(0.5), 420))
 }
 
@@ -92,7 +90,7 @@ fn traced_at(bench: &mut Bench, view: &View, pattern: Pattern) -> (Picture, Vec<
 }
 
 /// The device's picture, in linear light.
-fn shown(
+pub fn shown(
     context: &Context,
     view: &View,
     picture: &Picture,
@@ -104,7 +102,7 @@ fn shown(
 }
 
 /// The last one of so many frames that are all alike, of which later ones take light from earlier ones.
-fn last_shown(
+pub fn last_shown(
     context: &Context,
     view: &View,
     picture: &Picture,
@@ -173,7 +171,7 @@ fn twin<'a>(
 }
 
 /// In double precision, with samples that are not averaged a second time.
-fn filtered_once(view: &View, picture: &Picture, samples: &[u32]) -> Vec<DVec3> {
+pub fn filtered_once(view: &View, picture: &Picture, samples: &[u32]) -> Vec<DVec3> {
     let positions = positions(samples);
     let twin = twin(view, picture, &positions, 24);
     let prepared = twin.filter_samples(&picture.samples);
@@ -181,7 +179,7 @@ fn filtered_once(view: &View, picture: &Picture, samples: &[u32]) -> Vec<DVec3> 
 }
 
 /// The same in double precision.
-fn right(
+pub fn right(
     view: &View,
     picture: &Picture,
     samples: &[u32],
@@ -202,7 +200,7 @@ fn right(
 }
 
 /// How many pixels are further off than what is packed between the passes allows, and the largest error.
-fn compare(found: &[DVec3], right: &[DVec3]) -> (usize, f64) {
+pub fn compare(found: &[DVec3], right: &[DVec3]) -> (usize, f64) {
     let off = found.iter().zip(right).map(|(found, right)| {
         assert!(found.is_finite() && found.min_element() >= 0.0, "{found}");
         (*found - *right).abs().max_element() / right.max_element().max(0.05)
@@ -267,149 +265,6 @@ fn guided_pictures_are_those_of_double_precision() {
             // A comparer that finds nothing in wrong pictures finds nothing.
             let wrong: Vec<DVec3> = right.iter().map(|color| *color * DVec3::new(1.0, 1.03, 1.0)).collect();
             assert!(compare(&found, &wrong).0 > 500);
-        }
-    });
-}
-
-/// With a sample in each pixel noise is averaged away, and little else: few rays gain much, and many lose less than they are off.
-/// Sparse samples are averaged further, too, where they are noisy.
-#[test]
-fn pictures_are_averaged_as_far_as_they_are_noisy() {
-    let Some(context) = common::vulkan() else { return };
-    on_every_device(|device| {
-        let (scene, light) = (still_life(), light());
-        let mut bench = Bench::new(device, &scene, &light);
-        let view = eye();
-        let mut made = |rays: u32, count: Option<usize>, neighbours: u32| {
-            let pattern = count.map_or_else(
-                || all_pixels(&view),
-                |count| Pattern::new(&view, &Law::Uniform, DVec2::splat(0.5), count),
-            );
-            let picture =
-                bench.trace(&view, &Settings { guided: true, edge_rays: 4, rays, ..PLAIN }, &pattern);
-            let shown = shown(&context, &view, &picture, &pattern.samples, neighbours, None);
-            (shown, picture, pattern.samples)
-        };
-        let truth = made(4096, None, 1).0;
-        let error = |shown: &[DVec3]| {
-            let off = |(a, b): (&DVec3, &DVec3)| (*a - *b).length_squared() / b.length_squared().max(0.01);
-            (shown.iter().zip(&truth).map(off).sum::<f64>() / truth.len() as f64).sqrt()
-        };
-        let [few, few_alone] = [24, 1].map(|neighbours| error(&made(8, None, neighbours).0));
-        let [many, many_alone] = [24, 1].map(|neighbours| error(&made(1024, None, neighbours).0));
-        println!(
-            "all pixels: {few:.4} for {few_alone:.4} with 8 rays, {many:.4} for {many_alone:.4} with 1024"
-        );
-        assert!(few < 0.6 * few_alone, "{few} for {few_alone}");
-        assert!(many < 1.7 * many_alone, "{many} for {many_alone}");
-        let mut errors = [0.0; 2];
-        for rays in [4, 5, 6] {
-            let (shown, picture, samples) = made(rays, Some(900), 24);
-            errors[0] += error(&shown);
-            errors[1] += error(&filtered_once(&view, &picture, &samples));
-        }
-        errors = errors.map(|sum| sum / 3.0);
-        println!("sparse: {:.4} for {:.4}", errors[0], errors[1]);
-        assert!(errors[0] < 0.98 * errors[1], "{errors:?}");
-    });
-}
-
-/// Sparse samples are averaged a second time as far as they are noisy, in frames that know of earlier ones, too.
-#[test]
-fn frames_that_know_of_earlier_ones_are_averaged_by_noise() {
-    let Some(context) = common::vulkan() else { return };
-    on_every_device(|device| {
-        let (scene, light) = (still_life(), light());
-        let (picture, samples) = traced(&mut Bench::new(device, &scene, &light), &eye());
-        let once = filtered_once(&eye(), &picture, &samples);
-        let twice = right(&eye(), &picture, &samples, 24, None);
-        for frames in [1, 2] {
-            let found = last_shown(&context, &eye(), &picture, &samples, 24, None, frames);
-            let off = [compare(&found, &once).0, compare(&found, &twice).0];
-            println!("{frames} frames: {off:?} pixels off");
-            assert!(off[0] > 100 && off[1] < 40, "{frames}: {off:?}");
-        }
-    });
-}
-
-/// Few rays tell less of where light comes from than their mean direction's length says: floors with normal maps beneath a roof
-/// are not much brighter with eight rays than with many.
-#[test]
-fn few_rays_leave_normal_maps_as_bright_as_many() {
-    let Some(context) = common::vulkan() else { return };
-    on_every_device(|device| {
-        let bumpy = Material { normal_texture: mapped(0, 0.5), ..matt(0.6) };
-        let mut scene = scene_of(vec![bumpy, matt(0.5)]);
-        scene.textures =
-            vec![texture(false, |i| [90 + 11 * (i % 4) as u8, 100 + 13 * (i / 4) as u8, 230, 255])];
-        floor(&mut scene, 6.0, 0.0, 0);
-        cuboid(&mut scene, Vec3::new(-1.5, 0.6, -1.5), Vec3::new(1.5, 0.9, 0.7), 1);
-        let (light, view) = (colourful(), eye());
-        let mut bench = Bench::new(device, &scene, &light);
-        let mut brightness = |rays: u32, seeds: u32, neighbours: u32| {
-            let sum: f64 = (0..seeds)
-                .map(|seed| {
-                    let settings = Settings { guided: true, rays, seed, ..PLAIN };
-                    let picture = bench.trace(&view, &settings, &all_pixels(&view));
-                    let samples = all_pixels(&view).samples;
-                    let shown = shown(&context, &view, &picture, &samples, neighbours, None);
-                    let floor = |(pixel, _): &(usize, &DVec3)| picture.samples[*pixel].toward[0] != 0;
-                    shown.iter().enumerate().filter(floor).map(|(_, color)| color.element_sum()).sum::<f64>()
-                })
-                .sum();
-            sum / f64::from(seeds)
-        };
-        let (few, many) = (brightness(8, 12, 24), brightness(512, 1, 1));
-        println!("8 rays: {:.4} of the light of 512", few / many);
-        // What is left is of samples whose direction and light are off together.
-        assert!((few / many - 1.0).abs() < 0.035, "{few} for {many}");
-    });
-}
-
-/// What samples say of their noise is about how far estimates with other seeds lie apart.
-#[test]
-fn samples_know_how_noisy_they_are() {
-    on_every_device(|device| {
-        let (scene, light) = (still_life(), light());
-        let mut bench = Bench::new(device, &scene, &light);
-        for rays in [8, 32, 128] {
-            let settings = |seed| Settings { guided: true, rays, seed, ..PLAIN };
-            let pictures: Vec<Picture> =
-                (0..24).map(|seed| bench.trace(&eye(), &settings(seed), &all_pixels(&eye()))).collect();
-            let (mut found, mut told, mut below) = (0.0, 0.0, 0);
-            let lit: Vec<usize> = (0..pictures[0].samples.len())
-                .filter(|&sample| pictures.iter().all(|p| p.samples[sample].first.iter().sum::<f32>() > 1e-3))
-                .collect();
-            for &sample in &lit {
-                let relative = |part: fn(&SampleRecord) -> [f32; 3]| {
-                    let values: Vec<f64> = pictures
-                        .iter()
-                        .map(|p| {
-                            Vec3::from(part(&p.samples[sample])).dot(Vec3::new(0.2126, 0.7152, 0.0722)).into()
-                        })
-                        .collect();
-                    let mean = values.iter().sum::<f64>() / values.len() as f64;
-                    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-                    squares / (values.len() - 1) as f64 / (mean * mean).max(1e-12)
-                };
-                let say: f64 = pictures
-                    .iter()
-                    .map(|p| noise_variance(noise_code(p.samples[sample].toward)))
-                    .sum::<f64>()
-                    / 24.0;
-                let [first, second] = [relative(|s| s.first), relative(|s| s.second)];
-                below += usize::from(say < 0.5 * first.min(second));
-                (found, told) = (found + first.max(second).min(4.0).sqrt(), told + say.min(4.0).sqrt());
-            }
-            println!(
-                "{rays} rays: {} samples, off by {:.4}, which say {:.4}; {below} too little",
-                lit.len(),
-                found / lit.len() as f64,
-                told / lit.len() as f64
-            );
-            assert!(lit.len() > 1500, "{}", lit.len());
-            assert!(below * 50 < lit.len(), "{rays}: {below} of {}", lit.len());
-            assert!(told < 4.0 * found && told > 0.5 * found, "{rays}: {told} for {found}");
         }
     });
 }

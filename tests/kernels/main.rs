@@ -9,6 +9,7 @@ mod common;
 mod convex;
 mod counts;
 mod deform;
+mod denoise;
 mod edges;
 mod guided;
 mod hits;

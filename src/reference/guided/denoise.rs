@@ -11,7 +11,7 @@ const ACROSS: usize = 5;
 const SPLINE: [f64; ACROSS] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
 
 /// Relative standard deviation of sparse samples' light of which nothing is seen.
-const UNSEEN: f64 = 0.03;
+const UNSEEN: f64 = 0.05;
 
 fn luminance(light: DVec3) -> f64 {
     light.dot(DVec3::new(0.2126, 0.7152, 0.0722))
