@@ -2,31 +2,29 @@
 #![allow(unsafe_code)]
 
 use std::ffi::c_void;
-use std::marker::PhantomData;
 
 use bytemuck::Pod;
-use cl3::types::cl_mem;
+use opencl3::command_queue::enqueue_write_buffer;
+use opencl3::error_codes::CL_INVALID_OPERATION;
+use opencl3::event::Event;
+use opencl3::memory::{self, ClMem};
+use opencl3::types::{CL_BLOCKING, cl_mem};
 
 use super::Device;
 use super::external::Handover;
+use super::owned::Owned;
 use crate::error::Result;
 use crate::gpu::handle::{self, Handle, OPENCL_EXTENSION, OPENCL_TYPE};
 
 /// A buffer of `len` elements of `T`; released when dropped.
 #[derive(Debug)]
 pub struct Buffer<T> {
+    memory: Owned<memory::Buffer<T>>,
     device: Device,
-    memory: cl_mem,
     len: usize,
-    element: PhantomData<T>,
     /// Exists where another API has allocated the memory.
     handover: Option<Handover>,
 }
-
-// SAFETY: cl_mem handles may be used from any thread (OpenCL 1.2, appendix A.2).
-unsafe impl<T: Send> Send for Buffer<T> {}
-// SAFETY: as above; through a shared reference only the device's memory changes, by enqueued commands.
-unsafe impl<T: Sync> Sync for Buffer<T> {}
 
 impl<T: Pod> Buffer<T> {
     /// A buffer with a copy of `data`. Empty data makes a buffer of one zeroed element.
@@ -36,7 +34,7 @@ impl<T: Pod> Buffer<T> {
     pub fn from_slice(device: &Device, data: &[T]) -> Result<Self> {
         let zero = [T::zeroed()];
         let data = if data.is_empty() { &zero[..] } else { data };
-        let flags = cl3::memory::CL_MEM_READ_ONLY | cl3::memory::CL_MEM_COPY_HOST_PTR;
+        let flags = memory::CL_MEM_READ_ONLY | memory::CL_MEM_COPY_HOST_PTR;
         Self::create(device, flags, data.len(), data.as_ptr() as *mut c_void)
     }
 
@@ -45,7 +43,7 @@ impl<T: Pod> Buffer<T> {
     /// # Errors
     /// [`crate::Error::Device`] where the device has no room for it.
     pub fn new(device: &Device, len: usize) -> Result<Self> {
-        Self::create(device, cl3::memory::CL_MEM_READ_WRITE, len.max(1), std::ptr::null_mut())
+        Self::create(device, memory::CL_MEM_READ_WRITE, len.max(1), std::ptr::null_mut())
     }
 
     /// A buffer that uses memory of the host in place (`CL_MEM_USE_HOST_PTR`).
@@ -54,7 +52,7 @@ impl<T: Pod> Buffer<T> {
     /// `host` must be valid for reads and writes of `len` elements for as long as the buffer lives,
     /// and the host must not touch them while the device does.
     pub unsafe fn from_host_memory(device: &Device, host: *mut T, len: usize) -> Result<Self> {
-        let flags = cl3::memory::CL_MEM_READ_WRITE | cl3::memory::CL_MEM_USE_HOST_PTR;
+        let flags = memory::CL_MEM_READ_WRITE | memory::CL_MEM_USE_HOST_PTR;
         Self::create(device, flags, len, host.cast())
     }
 
@@ -67,21 +65,20 @@ impl<T: Pod> Buffer<T> {
     /// # Safety
     /// The memory must hold `len` elements, and nobody else may touch them while the device has acquired them.
     pub unsafe fn from_handle(device: &Device, handle: Handle, len: usize) -> Result<Self> {
-        const CL_INVALID_OPERATION: i32 = -59;
         const DEVICE_LIST: u64 = 0x2051;
         if !device.info().external_memory.iter().any(|name| name == OPENCL_EXTENSION) {
-            return Err(device.failed("imports no memory by opaque handles", CL_INVALID_OPERATION));
+            return Err(device.failed("imports no memory by opaque handles", CL_INVALID_OPERATION.into()));
         }
         let handover = Handover::of(device)?;
         // Both lists end with zero.
         let properties = [OPENCL_TYPE, handle::number(&handle), DEVICE_LIST, device.id() as u64, 0, 0];
         // SAFETY: the properties are a list of pairs with its end, and there is no host memory.
         let made = unsafe {
-            cl3::memory::create_buffer_with_properties(
+            memory::Buffer::create_with_properties(
                 device.context(),
                 properties.as_ptr(),
-                cl3::memory::CL_MEM_READ_WRITE,
-                len * size_of::<T>(),
+                memory::CL_MEM_READ_WRITE,
+                len,
                 std::ptr::null_mut(),
             )
         };
@@ -89,7 +86,7 @@ impl<T: Pod> Buffer<T> {
         let memory = made.map_err(|error| device.failed("refuses shared memory", error))?;
         handle::imported(handle);
         let handover = Some(handover);
-        Ok(Buffer { device: device.clone(), memory, len, element: PhantomData, handover })
+        Ok(Buffer { device: device.clone(), memory: Owned::new(memory), len, handover })
     }
 
     /// Takes memory of another API over, before kernels are launched that use it. Nothing else needs it.
@@ -97,7 +94,7 @@ impl<T: Pod> Buffer<T> {
     /// # Errors
     /// [`crate::Error::Device`] with the driver's code.
     pub fn acquire(&self) -> Result<()> {
-        self.handover.map_or(Ok(()), |handover| handover.acquire(&self.device, self.memory))
+        self.handover.map_or(Ok(()), |handover| handover.acquire(&self.device, self.memory()))
     }
 
     /// Hands memory of another API back, after those kernels were launched; it has it when the queue has finished.
@@ -105,15 +102,15 @@ impl<T: Pod> Buffer<T> {
     /// # Errors
     /// [`crate::Error::Device`] with the driver's code.
     pub fn release(&self) -> Result<()> {
-        self.handover.map_or(Ok(()), |handover| handover.release(&self.device, self.memory))
+        self.handover.map_or(Ok(()), |handover| handover.release(&self.device, self.memory()))
     }
 
     fn create(device: &Device, flags: u64, len: usize, host: *mut c_void) -> Result<Self> {
-        let bytes = len * size_of::<T>();
-        // SAFETY: `host` is null or valid for `bytes` bytes (this room's callers see to it).
-        let memory = unsafe { cl3::memory::create_buffer(device.context(), flags, bytes, host) }
-            .map_err(|e| device.failed(&format!("has no room for a buffer of {} MiB", bytes >> 20), e))?;
-        Ok(Buffer { device: device.clone(), memory, len, element: PhantomData, handover: None })
+        let mib = (len * size_of::<T>()) >> 20;
+        // SAFETY: `host` is null or valid for `len` elements (this room's callers see to it).
+        let memory = unsafe { memory::Buffer::create(device.context(), flags, len, host) }
+            .map_err(|e| device.failed(&format!("has no room for a buffer of {mib} MiB"), e))?;
+        Ok(Buffer { device: device.clone(), memory: Owned::new(memory), len, handover: None })
     }
 
     /// Number of elements.
@@ -139,12 +136,14 @@ impl<T: Pod> Buffer<T> {
         if data.is_empty() {
             return Ok(());
         }
+        // The C function, since opencl3's takes buffers by exclusive reference, and these are shared: what changes
+        // is the device's memory, in the queue's order.
         // SAFETY: the range is inside the buffer, and the call blocks until `data` was read.
         let event = unsafe {
-            cl3::command_queue::enqueue_write_buffer(
-                self.device.queue(),
-                self.memory,
-                cl3::types::CL_TRUE,
+            enqueue_write_buffer(
+                self.device.queue().get(),
+                self.memory(),
+                CL_BLOCKING,
                 first * size_of::<T>(),
                 size_of_val(data),
                 data.as_ptr().cast(),
@@ -152,7 +151,8 @@ impl<T: Pod> Buffer<T> {
                 std::ptr::null(),
             )
         };
-        self.forget(event.map_err(|e| self.device.failed("refuses a write", e))?);
+        let event = event.map_err(|e| self.device.failed("refuses a write", e.into()))?;
+        drop(Owned::new(Event::new(event)));
         Ok(())
     }
 
@@ -170,18 +170,10 @@ impl<T: Pod> Buffer<T> {
         }
         // SAFETY: the range is inside the buffer, and the call blocks until `data` was written.
         let event = unsafe {
-            cl3::command_queue::enqueue_read_buffer(
-                self.device.queue(),
-                self.memory,
-                cl3::types::CL_TRUE,
-                first * size_of::<T>(),
-                size_of_val(data),
-                data.as_mut_ptr().cast(),
-                0,
-                std::ptr::null(),
-            )
+            let first = first * size_of::<T>();
+            self.device.queue().enqueue_read_buffer(&self.memory, CL_BLOCKING, first, data, &[])
         };
-        self.forget(event.map_err(|e| self.device.failed("refuses a read", e))?);
+        drop(Owned::new(event.map_err(|e| self.device.failed("refuses a read", e))?));
         Ok(())
     }
 
@@ -192,19 +184,7 @@ impl<T: Pod> Buffer<T> {
         Ok(data)
     }
 
-    fn forget(&self, event: cl3::types::cl_event) {
-        // SAFETY: the event was just returned and is released once.
-        let _ = unsafe { cl3::event::release_event(event) };
-    }
-
     pub(super) fn memory(&self) -> cl_mem {
-        self.memory
-    }
-}
-
-impl<T> Drop for Buffer<T> {
-    fn drop(&mut self) {
-        // SAFETY: created by `create`, released once; OpenCL keeps it until enqueued work is done.
-        let _ = unsafe { cl3::memory::release_mem_object(self.memory) };
+        self.memory.get()
     }
 }

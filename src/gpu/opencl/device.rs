@@ -3,9 +3,18 @@
 
 use std::sync::{Arc, Mutex};
 
-use cl3::types::{cl_command_queue, cl_context, cl_device_id, cl_platform_id};
+use opencl3::command_queue::{CL_QUEUE_PROFILING_ENABLE, CommandQueue};
+use opencl3::context::{Context, context::CL_CONTEXT_PLATFORM};
+use opencl3::device;
+use opencl3::device::{
+    CL_DEVICE_TYPE_ALL, CL_DEVICE_TYPE_CPU, CL_DEVICE_TYPE_GPU, CL_DEVICE_UUID_KHR, SubDevice,
+};
+use opencl3::error_codes::ClError;
+use opencl3::platform::{Platform, get_platforms};
+use opencl3::types::{cl_device_id, cl_platform_id};
 
 use super::code;
+use super::owned::Owned;
 use crate::error::{Error, Result};
 
 /// What is known of a device before it is opened.
@@ -39,88 +48,85 @@ pub struct DeviceInfo {
     #[serde(skip)]
     pub place: usize,
     #[serde(skip)]
-    id: Handle,
+    device: device::Device,
     #[serde(skip)]
-    platform_id: Handle,
+    from: Platform,
+    #[serde(skip)]
+    #[expect(dead_code, reason = "held until the last copy goes: it keeps a part of a divided device")]
+    part: Option<Arc<Owned<SubDevice>>>,
 }
 
 impl DeviceInfo {
+    fn kept_by(self, part: SubDevice) -> DeviceInfo {
+        DeviceInfo { part: Some(Arc::new(Owned::new(part))), ..self }
+    }
+
     /// Whether both are the same device of the same driver.
     pub fn is(&self, other: &DeviceInfo) -> bool {
-        self.id.0 == other.id.0
+        self.device.id() == other.device.id()
     }
 }
-
-/// An OpenCL object's address, which is only ever handed back to OpenCL.
-#[derive(Clone, Copy, Debug)]
-struct Handle(*mut std::ffi::c_void);
-
-// SAFETY: OpenCL's handles may be used from any thread (OpenCL 1.2 specification, appendix A.2);
-// only clSetKernelArg on one kernel is not thread-safe, and Kernel is not Sync.
-unsafe impl Send for Handle {}
-// SAFETY: see above.
-unsafe impl Sync for Handle {}
 
 /// Lists all devices of all platforms, usable or not. No loader or no platform: an empty list.
 pub fn list() -> Vec<DeviceInfo> {
     // Loaders and drivers start at the first question, and not all of them stand two at once.
     static ASKING: Mutex<()> = Mutex::new(());
     let _asking = ASKING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    let Ok(platforms) = cl3::platform::get_platform_ids() else { return Vec::new() };
+    let Ok(platforms) = get_platforms() else { return Vec::new() };
     let mut devices = Vec::new();
     for platform in platforms {
         // A platform without devices (Mesa's, often) answers with an error: skip it.
-        let Ok(ids) = cl3::device::get_device_ids(platform, cl3::device::CL_DEVICE_TYPE_ALL) else {
+        let Ok(ids) = platform.get_devices(CL_DEVICE_TYPE_ALL) else {
             continue;
         };
-        devices.extend(ids.into_iter().map(|id| describe(platform, id)));
+        devices.extend(ids.into_iter().map(|id| describe(platform, device::Device::new(id))));
     }
     devices.iter_mut().enumerate().for_each(|(place, info)| info.place = place);
     devices
 }
 
-fn describe(platform: cl_platform_id, id: cl_device_id) -> DeviceInfo {
-    use cl3::device as d;
-    let text = |what| d::get_device_info(id, what).map(String::from).unwrap_or_default().trim().to_string();
-    let number = |what| d::get_device_info(id, what).map(u64::from).unwrap_or(0);
-    let small = |what| d::get_device_info(id, what).map(u32::from).unwrap_or(0);
-    let extensions = text(d::CL_DEVICE_EXTENSIONS);
+fn describe(from: Platform, device: device::Device) -> DeviceInfo {
+    let extensions = device.extensions().unwrap_or_default();
     let has = |name: &str| extensions.split_whitespace().any(|e| e == name);
-    let kind = match number(d::CL_DEVICE_TYPE) {
-        t if t & d::CL_DEVICE_TYPE_GPU != 0 => "gpu",
-        t if t & d::CL_DEVICE_TYPE_CPU != 0 => "cpu",
+    let kind = match device.dev_type().unwrap_or(0) {
+        t if t & CL_DEVICE_TYPE_GPU != 0 => "gpu",
+        t if t & CL_DEVICE_TYPE_CPU != 0 => "cpu",
         _ => "accelerator",
     };
-    let mut unusable = None;
-    if small(d::CL_DEVICE_AVAILABLE) == 0 {
-        unusable = Some("the driver says that it is not available".to_string());
-    } else if small(d::CL_DEVICE_COMPILER_AVAILABLE) == 0 {
-        unusable = Some("its driver has no compiler".to_string());
-    } else if small(d::CL_DEVICE_ENDIAN_LITTLE) == 0 {
-        unusable = Some("it is big-endian".to_string());
-    }
     DeviceInfo {
-        platform: cl3::platform::get_platform_info(platform, cl3::platform::CL_PLATFORM_NAME)
-            .map(String::from)
-            .unwrap_or_default(),
-        name: text(d::CL_DEVICE_NAME),
-        driver: text(d::CL_DRIVER_VERSION),
+        platform: from.name().unwrap_or_default(),
+        name: device.name().unwrap_or_default().trim().to_string(),
+        driver: device.driver_version().unwrap_or_default().trim().to_string(),
         kind,
-        compute_units: small(d::CL_DEVICE_MAX_COMPUTE_UNITS),
-        memory: number(d::CL_DEVICE_GLOBAL_MEM_SIZE),
-        largest_buffer: number(d::CL_DEVICE_MAX_MEM_ALLOC_SIZE),
+        compute_units: device.max_compute_units().unwrap_or(0),
+        memory: device.global_mem_size().unwrap_or(0),
+        largest_buffer: device.max_mem_alloc_size().unwrap_or(0),
         fp64: has("cl_khr_fp64"),
-        uuid: if has("cl_khr_device_uuid") { uuid(id) } else { None },
-        host_unified: small(d::CL_DEVICE_HOST_UNIFIED_MEMORY) != 0,
+        uuid: if has("cl_khr_device_uuid") { uuid(device) } else { None },
+        host_unified: device.host_unified_memory().unwrap_or(false),
         external_memory: extensions
             .split_whitespace()
             .filter(|e| e.starts_with("cl_khr_external_memory"))
             .map(str::to_string)
             .collect(),
-        unusable,
+        unusable: unusable(device).map(str::to_string),
         place: 0,
-        id: Handle(id),
-        platform_id: Handle(platform),
+        device,
+        from,
+        part: None,
+    }
+}
+
+/// What the device says that keeps it from being used.
+fn unusable(device: device::Device) -> Option<&'static str> {
+    if !device.available().unwrap_or(false) {
+        Some("the driver says that it is not available")
+    } else if !device.compiler_available().unwrap_or(false) {
+        Some("its driver has no compiler")
+    } else if !device.endian_little().unwrap_or(false) {
+        Some("it is big-endian")
+    } else {
+        None
     }
 }
 
@@ -141,22 +147,21 @@ pub fn subdivide(info: &DeviceInfo, units: &[u32]) -> Result<Vec<DeviceInfo>> {
     let mut properties = vec![BY_COUNTS];
     properties.extend(units.iter().map(|&count| count as isize));
     properties.extend([0, 0]);
-    let ids = cl3::device::create_sub_devices(info.id.0, &properties).map_err(|error| {
+    let parts = info.device.create_sub_devices(&properties).map_err(|error| {
         refused(format!("its driver does not divide it: {}; leave devices.subdivide empty", code(error)))
     })?;
-    let mut parts: Vec<DeviceInfo> = ids.into_iter().map(|id| describe(info.platform_id.0, id)).collect();
-    for (index, (part, &count)) in parts.iter_mut().zip(units).enumerate() {
-        part.name = format!("{} (part {} of {})", info.name, index + 1, units.len());
-        part.compute_units = count;
-        part.uuid = None;
-        part.place = info.place;
-    }
-    Ok(parts)
+    let part = |(index, (part, &count)): (usize, (SubDevice, &u32))| DeviceInfo {
+        name: format!("{} (part {} of {})", info.name, index + 1, units.len()),
+        compute_units: count,
+        uuid: None,
+        place: info.place,
+        ..describe(info.from, device::Device::new(part.id())).kept_by(part)
+    };
+    Ok(parts.into_iter().zip(units).enumerate().map(part).collect())
 }
 
-fn uuid(id: cl_device_id) -> Option<String> {
-    const CL_DEVICE_UUID_KHR: u32 = 0x106A;
-    let bytes = cl3::device::get_device_data(id, CL_DEVICE_UUID_KHR).ok()?;
+fn uuid(device: device::Device) -> Option<String> {
+    let bytes = device.get_data(CL_DEVICE_UUID_KHR).ok()?;
     (bytes.len() == 16).then(|| bytes.iter().map(|b| format!("{b:02x}")).collect())
 }
 
@@ -164,11 +169,12 @@ fn uuid(id: cl_device_id) -> Option<String> {
 #[derive(Clone, Debug)]
 pub struct Device(Arc<Open>);
 
+/// The queue goes before its context, and that before a part of a divided device.
 #[derive(Debug)]
 struct Open {
+    queue: Owned<CommandQueue>,
+    context: Owned<Context>,
     info: DeviceInfo,
-    context: Handle,
-    queue: Handle,
 }
 
 impl Device {
@@ -187,27 +193,15 @@ impl Device {
                 problem: format!("it cannot be used: {why}"),
             });
         }
-        const CL_CONTEXT_PLATFORM: isize = 0x1084;
-        let properties = [CL_CONTEXT_PLATFORM, info.platform_id.0 as isize, 0];
-        let context =
-            cl3::context::create_context(&[info.id.0], properties.as_ptr(), None, std::ptr::null_mut())
-                .map_err(|e| refused("a context", e))?;
-        // SAFETY: context and device are valid and belong together. OpenCL 1.2's call is used, since
-        // the newer one does not exist on 1.2 drivers.
-        #[allow(deprecated)]
-        let queue = unsafe {
-            cl3::command_queue::create_command_queue(
-                context,
-                info.id.0,
-                cl3::command_queue::CL_QUEUE_PROFILING_ENABLE,
-            )
-        };
-        let queue = queue.map_err(|e| {
-            // SAFETY: the context was just created and nothing else refers to it.
-            let _ = unsafe { cl3::context::release_context(context) };
-            refused("a queue", e)
-        })?;
-        Ok(Device(Arc::new(Open { info: info.clone(), context: Handle(context), queue: Handle(queue) })))
+        let properties = [CL_CONTEXT_PLATFORM, info.from.id() as isize, 0];
+        let context = Context::from_devices(&[info.device.id()], &properties, None, std::ptr::null_mut())
+            .map_err(|e| refused("a context", e))?;
+        let context = Owned::new(context);
+        // OpenCL 1.2's call, since the newer one does not exist on 1.2 drivers.
+        // SAFETY: the context was made for this device.
+        let queue = unsafe { CommandQueue::create(&context, info.device.id(), CL_QUEUE_PROFILING_ENABLE) }
+            .map_err(|e| refused("a queue", e))?;
+        Ok(Device(Arc::new(Open { queue: Owned::new(queue), context, info: info.clone() })))
     }
 
     /// What is known of it.
@@ -217,7 +211,7 @@ impl Device {
 
     /// Whether the driver still says that the device is there.
     pub fn is_available(&self) -> bool {
-        cl3::device::get_device_info(self.id(), cl3::device::CL_DEVICE_AVAILABLE).map(u32::from) == Ok(1)
+        self.0.info.device.available().unwrap_or(false)
     }
 
     /// Waits until everything in the queue is done.
@@ -225,49 +219,38 @@ impl Device {
     /// # Errors
     /// [`Error::Device`] with the driver's code: the device is lost or out of memory.
     pub fn finish(&self) -> Result<()> {
-        cl3::command_queue::finish(self.queue()).map_err(|e| self.failed("could not finish its work", e))
+        self.queue().finish().map_err(|e| self.failed("could not finish its work", e))
     }
 
     /// Starts what is in the queue without waiting.
     pub fn flush(&self) -> Result<()> {
-        cl3::command_queue::flush(self.queue()).map_err(|e| self.failed("could not start its work", e))
+        self.queue().flush().map_err(|e| self.failed("could not start its work", e))
     }
 
     pub(super) fn id(&self) -> cl_device_id {
-        self.0.info.id.0
+        self.0.info.device.id()
     }
 
-    pub(super) fn context(&self) -> cl_context {
-        self.0.context.0
+    pub(super) fn context(&self) -> &Context {
+        &self.0.context
     }
 
     pub(super) fn platform(&self) -> cl_platform_id {
-        self.0.info.platform_id.0
+        self.0.info.from.id()
     }
 
-    pub(super) fn queue(&self) -> cl_command_queue {
-        self.0.queue.0
+    pub(super) fn queue(&self) -> &CommandQueue {
+        &self.0.queue
     }
 
     /// An [`Error::Device`] that tells what failed.
-    pub(super) fn failed(&self, what: &str, error: i32) -> Error {
+    pub(super) fn failed(&self, what: &str, error: ClError) -> Error {
         Error::Device {
             device: self.0.info.name.clone(),
             problem: format!(
                 "it {what}: {}; run `foveate devices` and choose others with --devices",
                 code(error)
             ),
-        }
-    }
-}
-
-impl Drop for Open {
-    fn drop(&mut self) {
-        // SAFETY: both were created by `Device::open` and are released once. A failed release (device
-        // lost) leaves nothing that could be done, so its code is ignored.
-        unsafe {
-            let _ = cl3::command_queue::release_command_queue(self.queue.0);
-            let _ = cl3::context::release_context(self.context.0);
         }
     }
 }

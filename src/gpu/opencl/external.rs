@@ -3,7 +3,8 @@
 
 use std::ffi::{CStr, c_void};
 
-use cl3::types::{cl_command_queue, cl_event, cl_mem};
+use opencl3::error_codes::{CL_INVALID_OPERATION, ClError};
+use opencl3::types::{cl_command_queue, cl_event, cl_mem};
 
 use super::Device;
 use crate::error::Result;
@@ -39,23 +40,24 @@ impl Handover {
     }
 }
 
-fn enqueue(function: Enqueue, device: &Device, memory: cl_mem) -> std::result::Result<(), i32> {
+fn enqueue(function: Enqueue, device: &Device, memory: cl_mem) -> std::result::Result<(), ClError> {
     // SAFETY: one memory object that lives longer than the call; the queue is in order, so no events are needed.
-    let error =
-        unsafe { function(device.queue(), 1, &raw const memory, 0, std::ptr::null(), std::ptr::null_mut()) };
-    if error == 0 { Ok(()) } else { Err(error) }
+    let error = unsafe {
+        function(device.queue().get(), 1, &raw const memory, 0, std::ptr::null(), std::ptr::null_mut())
+    };
+    if error == 0 { Ok(()) } else { Err(error.into()) }
 }
 
 /// A function of an extension. It is asked for from the platform, since loaders do not pass all of them on.
 fn function(device: &Device, name: &CStr) -> Result<Enqueue> {
+    // opencl3 has no such question: cl3's loader is asked.
     let library = cl3::load_library().as_ref().ok();
     let address = library.and_then(|library| {
         library.clGetExtensionFunctionAddressForPlatform(device.platform(), name.as_ptr())
     });
     let address: *mut c_void = address.unwrap_or(std::ptr::null_mut());
     if address.is_null() {
-        const CL_INVALID_OPERATION: i32 = -59;
-        return Err(device.failed(&format!("has no {}", name.to_string_lossy()), CL_INVALID_OPERATION));
+        return Err(device.failed(&format!("has no {}", name.to_string_lossy()), CL_INVALID_OPERATION.into()));
     }
     // SAFETY: the extension defines functions of these names with this type, and the driver stays loaded.
     Ok(unsafe { std::mem::transmute::<*mut c_void, Enqueue>(address) })
