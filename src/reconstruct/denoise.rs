@@ -1,8 +1,8 @@
 //! Light without its noise: `kernels/denoise.wgsl`.
 //!
 //! **A width that follows noise.** Sparse samples are averaged over 24 neighbours, and where that leaves more noise than is
-//! seen, over neighbours' neighbours: up to 0.2 JOD are gained with 8 rays, and nothing with 128. At rest, when frames before are
-//! known, most samples are passed by. Where each pixel has a sample, there is detail of a pixel's size to lose: means over
+//! seen, over neighbours' neighbours: up to 0.2 JOD are gained with 8 rays, and nothing with 128. Samples of less noise, among them
+//! more and more of a view at rest, are passed by. Where each pixel has a sample, there is detail of a pixel's size to lose: means over
 //! 5 x 5 pixels that lie 1, 2 and 4 apart take the neighbours' place, as far as rays' variance and second differences say that
 //! there is noise. The former alone took edges for noise at 1024 rays of the tests' still life as the latter alone did: 0.017 and
 //! 0.027 off, both 0.008. Views of more pixels than one binding reaches stay as noisy as they are.
