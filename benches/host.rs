@@ -1,0 +1,110 @@
+//! What frames cost the host beside waiting: `cargo bench --bench host [-- --frames 12 --set trace.rays=8]`.
+//!
+//! Both eyes of the demo scene, with a head that sways and a gaze that holds, in two sizes. Told is the time that processors
+//! spent on the program's own threads: on the one that makes frames, and on those that give OpenCL devices their work; in
+//! it is what drivers do within their calls, and not what their own threads do, which trace and draw where there is no GPU.
+//! Medians of frames and the least, in milliseconds, beside the time from a frame's start to its end. Works where the
+//! system tells how long threads ran (Linux). The last column is a sum over all pictures: builds that make the same ones
+//! have the same.
+
+use std::fs;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use foveate::config::{Config, Layers, Stereo};
+use foveate::frame::stereo::parallel_eyes;
+use foveate::frame::{Loaded, Output, Plan, Renderer};
+use foveate::gpu::interop::{self, Sharing};
+use foveate::gpu::opencl::{Device, device};
+use foveate::gpu::vulkan::{Context, ContextOptions};
+use foveate::math::pose::Pose;
+use foveate::math::view::FieldOfView;
+use foveate::metrics::stats::median;
+use foveate::scene::{default_viewpoint, generate};
+use glam::{DQuat, DVec2, DVec3};
+
+/// Each eye's pixels: both together are 1280x800, and a headset of today.
+const SIZES: [(u32, u32); 2] = [(640, 800), (2064, 2208)];
+/// Frames before any is counted: drivers build kernels in the first, and what is kept over frames begins.
+const WARM: usize = 4;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let value = |flag: &str| arguments.iter().position(|a| a == flag).and_then(|at| arguments.get(at + 1));
+    let frames: usize = value("--frames").map_or(12, |number| number.parse().expect("a number"));
+    let mut layers = Layers::default();
+    let set = arguments.iter().zip(arguments.iter().skip(1)).filter(|(flag, _)| *flag == "--set");
+    set.for_each(|(_, assignment)| layers.assign(assignment).expect("a setting"));
+    let config = layers.finish().expect("settings that fit");
+    let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
+    let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
+    let device = Device::open(&info).expect("the OpenCL device");
+    let loaded = Loaded::from_glb("demo", &generate::demo::generate(), &config).expect("the demo");
+    println!("{} (OpenCL), {} (Vulkan), {frames} frames\n", info.name, context.report().name);
+    println!("| pixels | samples cross | frames' thread | devices' threads | both | frame | pictures |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    let shared = interop::probe(&device, &context) == Sharing::ZeroCopy;
+    for size in SIZES {
+        for sharing in [Sharing::ZeroCopy, Sharing::Staged] {
+            if sharing == Sharing::Staged || shared {
+                let row = row(&device, &context, &loaded, &config, size, sharing, frames);
+                println!("| 2 x {}x{} | {sharing} | {row} |", size.0, size.1);
+            }
+        }
+    }
+}
+
+/// The cells of a line.
+fn row(
+    device: &Device,
+    context: &Context,
+    loaded: &Loaded,
+    config: &Config,
+    (width, height): (u32, u32),
+    sharing: Sharing,
+    frames: usize,
+) -> String {
+    let made = Renderer::with_sharing(device, context, loaded, config, Output::Display, sharing);
+    let mut renderer = made.expect("a renderer").0;
+    let fov = FieldOfView::symmetric(1.5, f64::from(width) / f64::from(height));
+    let rest = default_viewpoint(&loaded.scene, 70.0).world_from_eye;
+    let mut columns: [Vec<f64>; 4] = Default::default();
+    let mut pictures = DefaultHasher::new();
+    for frame in 0..frames + WARM {
+        let sway = DQuat::from_rotation_y(0.002 * (frame as f64 * 0.9).sin());
+        let eyes = parallel_eyes(rest.then(Pose::new(sway, DVec3::ZERO)), 0.063, fov, width, height);
+        let plan = Plan::stereo(eyes, Stereo::PerEye).expect("two eyes");
+        let gaze = plan.gaze_points(DVec2::splat(0.5));
+        let before = spent();
+        let report = renderer.frame(&plan, &gaze, frame as u32).expect("a frame");
+        let after = spent();
+        renderer.picture().expect("the picture").hash(&mut pictures);
+        if frame >= WARM {
+            let [own, devices] = [0, 1].map(|threads| (after[threads] - before[threads]) as f64 * 1e-6);
+            for (column, ms) in columns.iter_mut().zip([own, devices, own + devices, report.frame_ms]) {
+                column.push(ms);
+            }
+        }
+    }
+    let cell = |times: &Vec<f64>| {
+        let least = times.iter().copied().fold(f64::INFINITY, f64::min);
+        format!("{:.2} (least {least:.2})", median(times).unwrap_or(0.0))
+    };
+    format!("{} | {:016x}", columns.each_ref().map(cell).join(" | "), pictures.finish())
+}
+
+/// Nanoseconds on processors so far: of this thread, and of those that give devices their work.
+fn spent() -> [u64; 2] {
+    let mut sums = [0; 2];
+    let own = std::process::id().to_string();
+    for thread in fs::read_dir("/proc/self/task").expect("the system's list of threads").flatten() {
+        let read = |what: &str| fs::read_to_string(thread.path().join(what)).unwrap_or_default();
+        let place = match read("comm").trim() {
+            _ if thread.file_name().to_string_lossy() == own => 0,
+            name if name.starts_with("device ") => 1,
+            _ => continue,
+        };
+        let on_processors: u64 = read("schedstat").split(' ').next().map_or(0, |ns| ns.parse().unwrap_or(0));
+        sums[place] += on_processors;
+    }
+    sums
+}
