@@ -120,7 +120,7 @@ impl LightCache {
         let memory = self.memory.insert(memory);
         self.info.frame = step as u32;
         self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
-        memory.counters.write(&[0, 0])?;
+        memory.counters.fill_zero()?;
         let (info, group) = (&self.info, self.traversal.group());
         let Memory { keys, cells, sums, touched, counters } = memory;
         let settlers = Grid { items: SETTLERS, group };
@@ -155,17 +155,11 @@ impl Memory {
     fn new(device: &Device) -> Result<Self> {
         let cells = CACHE_CELLS as usize;
         Ok(Memory {
-            keys: zeroed(device, cells)?,
-            cells: zeroed(device, cells)?,
-            sums: zeroed(device, cells)?,
+            keys: Buffer::zeroed(device, cells)?,
+            cells: Buffer::zeroed(device, cells)?,
+            sums: Buffer::zeroed(device, cells)?,
             touched: Buffer::new(device, cells)?,
             counters: Buffer::new(device, 2)?,
         })
     }
-}
-
-fn zeroed<T: bytemuck::Pod>(device: &Device, count: usize) -> Result<Buffer<T>> {
-    let buffer = Buffer::new(device, count)?;
-    buffer.write(&vec![T::zeroed(); count])?;
-    Ok(buffer)
 }

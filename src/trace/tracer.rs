@@ -11,7 +11,7 @@ use crate::bvh::Trees;
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::foveation::workload::{Part, TILE_PIXELS};
-use crate::gpu::opencl::{Buffer, Device, Event};
+use crate::gpu::opencl::{Buffer, Device, Event, Transfer};
 use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
@@ -25,8 +25,8 @@ use super::scene_buffers::DeformKernels;
 use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
 pub(super) use pattern::BLOCKS_PER_TILE;
-use pattern::ROWS_PER_TILE;
 pub use pattern::TracePattern;
+use pattern::{ROWS_PER_TILE, Ring};
 pub(super) use programs::Programs;
 pub use programs::try_kernels;
 
@@ -92,6 +92,8 @@ pub struct Tracer {
     may_blend: bool,
     /// Up to three alphas of each pixel's surfaces and which of them it shows, where it may.
     blends: Buffer<u32>,
+    /// Tiles around the parts that are traced; grown when more are.
+    ring: Buffer<u32>,
 }
 
 /// Work under way: events whose times are read when the device has finished.
@@ -100,6 +102,8 @@ pub struct InFlight {
     /// Each part's camera rays and visibility, and its shading.
     parts: Vec<(Vec<Event>, Event)>,
     camera_rays: u64,
+    /// The host's side of what is copied to the device meanwhile.
+    _copied: Option<Transfer<Vec<u32>>>,
 }
 
 impl Tracer {
@@ -170,6 +174,7 @@ impl Tracer {
             hits: untraced(device, 1)?,
             may_blend: data.features.alpha,
             blends: Buffer::new(device, 1)?,
+            ring: Buffer::new(device, 1)?,
             device: device.clone(),
         })
     }
@@ -302,15 +307,19 @@ impl Tracer {
             self.hits = untraced(&self.device, needed)?;
         }
         if self.may_blend && self.blends.len() < needed {
-            self.blends = Buffer::from_slice(&self.device, &vec![0; needed])?;
+            self.blends = Buffer::zeroed(&self.device, needed)?;
         }
-        self.counters.write(&[0, 0])?;
+        self.counters.fill_zero()?;
         let camera = camera(view, self.anchor, settings);
         let shading = self.shading(settings);
+        let mut copied = None;
         let (traces, camera_rays) = match visibility {
             Some(records) => {
                 let edges = settings.edge_rays;
-                self.trace_tiles(&camera, &shading, edges, pattern, parts, records)?
+                let ring = if edges > 0 { pattern.ring(parts) } else { Ring::default() };
+                let (tiles, blocks) = (ring.tiles.len(), ring.blocks);
+                copied = self.give_ring(ring)?;
+                self.trace_tiles(&camera, &shading, edges, pattern, parts, (tiles as u32, blocks), records)?
             }
             None => {
                 let trace = |part: &Part| Ok(vec![self.trace_only_samples(&camera, pattern, part)?]);
@@ -323,7 +332,18 @@ impl Tracer {
             events.push((trace, self.shade(&camera, &shading, pattern, part, visibility, samples)?));
         }
         self.device.flush()?;
-        Ok(InFlight { parts: events, camera_rays })
+        Ok(InFlight { parts: events, camera_rays, _copied: copied })
+    }
+
+    /// Has the tiles around parts copied to where kernels find them.
+    fn give_ring(&mut self, ring: Ring) -> Result<Option<Transfer<Vec<u32>>>> {
+        if ring.tiles.is_empty() {
+            return Ok(None);
+        }
+        if self.ring.len() < ring.tiles.len() {
+            self.ring = Buffer::new(&self.device, ring.tiles.len().next_power_of_two())?;
+        }
+        self.ring.start_write(ring.tiles).map(Some)
     }
 
     /// Waits for what was enqueued and tells what it did.

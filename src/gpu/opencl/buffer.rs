@@ -4,15 +4,14 @@
 use std::ffi::c_void;
 
 use bytemuck::Pod;
-use opencl3::command_queue::enqueue_write_buffer;
+use opencl3::command_queue::{enqueue_fill_buffer, enqueue_write_buffer};
 use opencl3::error_codes::CL_INVALID_OPERATION;
-use opencl3::event::Event;
 use opencl3::memory::{self, ClMem};
 use opencl3::types::{CL_BLOCKING, cl_mem};
 
-use super::Device;
 use super::external::Handover;
 use super::owned::Owned;
+use super::{Device, Event};
 use crate::error::Result;
 use crate::gpu::handle::{self, Handle, OPENCL_EXTENSION, OPENCL_TYPE};
 
@@ -44,6 +43,16 @@ impl<T: Pod> Buffer<T> {
     /// [`crate::Error::Device`] where the device has no room for it.
     pub fn new(device: &Device, len: usize) -> Result<Self> {
         Self::create(device, memory::CL_MEM_READ_WRITE, len.max(1), std::ptr::null_mut())
+    }
+
+    /// A buffer of `len` elements (at least one) whose bytes are zero.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device has no room for it, or refuses to fill it.
+    pub fn zeroed(device: &Device, len: usize) -> Result<Self> {
+        let buffer = Self::new(device, len)?;
+        buffer.fill_zero()?;
+        Ok(buffer)
     }
 
     /// A buffer that uses memory of the host in place (`CL_MEM_USE_HOST_PTR`).
@@ -124,6 +133,34 @@ impl<T: Pod> Buffer<T> {
         self.len * size_of::<T>()
     }
 
+    /// Has all its bytes zeroed in the queue's order, without waiting for it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] with the driver's code.
+    ///
+    /// # Panics
+    /// If elements are not made of whole words of four bytes.
+    pub fn fill_zero(&self) -> Result<()> {
+        let pattern = [0u32];
+        assert!(self.bytes().is_multiple_of(size_of_val(&pattern)), "elements of {} bytes", size_of::<T>());
+        // The C function, as in `write_at`.
+        // SAFETY: the range is the buffer; OpenCL copies the pattern before the call returns.
+        let event = unsafe {
+            enqueue_fill_buffer(
+                self.device.queue().get(),
+                self.memory(),
+                pattern.as_ptr().cast(),
+                size_of_val(&pattern),
+                0,
+                self.bytes(),
+                0,
+                std::ptr::null(),
+            )
+        };
+        drop(Event::new(event.map_err(|e| self.device.failed("does not clear a buffer", e.into()))?));
+        Ok(())
+    }
+
     /// Copies `data` to the buffer's start and waits for it.
     pub fn write(&self, data: &[T]) -> Result<()> {
         self.write_at(0, data)
@@ -152,7 +189,7 @@ impl<T: Pod> Buffer<T> {
             )
         };
         let event = event.map_err(|e| self.device.failed("refuses a write", e.into()))?;
-        drop(Owned::new(Event::new(event)));
+        drop(Event::new(event));
         Ok(())
     }
 
@@ -182,6 +219,10 @@ impl<T: Pod> Buffer<T> {
         let mut data = vec![T::zeroed(); self.len];
         self.read(&mut data)?;
         Ok(data)
+    }
+
+    pub(super) fn device(&self) -> &Device {
+        &self.device
     }
 
     pub(super) fn memory(&self) -> cl_mem {

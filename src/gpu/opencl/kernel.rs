@@ -3,7 +3,7 @@
 
 use bytemuck::Pod;
 use opencl3::kernel::set_kernel_arg;
-use opencl3::types::cl_mem;
+use opencl3::types::{cl_event, cl_mem};
 use opencl3::{event, kernel};
 
 use super::owned::Owned;
@@ -104,13 +104,25 @@ impl Kernel {
     }
 }
 
-/// A launch under way or done.
+/// A command under way or done.
 #[derive(Debug)]
 pub struct Event(Owned<event::Event>);
 
 impl Event {
+    pub(super) fn new(event: cl_event) -> Self {
+        Event(Owned::new(event::Event::new(event)))
+    }
+
+    /// Waits until it is done, and with it all that was put into the queue before.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] with the driver's code: the device is lost.
+    pub(super) fn wait(&self, device: &Device) -> Result<()> {
+        self.0.wait().map_err(|e| device.failed("could not finish its work", e))
+    }
+
     /// The time that the device spent on it, in milliseconds; 0 where the driver does not tell.
-    /// Call it after [`Device::finish`].
+    /// Call it when it is done.
     pub fn device_ms(&self) -> f64 {
         match (self.0.profiling_command_start(), self.0.profiling_command_end()) {
             (Ok(start), Ok(end)) => end.saturating_sub(start) as f64 * 1e-6,

@@ -10,12 +10,14 @@ pub mod kernel;
 mod missing;
 mod owned;
 pub mod program;
+pub mod transfer;
 
 pub use buffer::Buffer;
 pub use device::{Device, DeviceInfo};
 pub use kernel::{Arg, Event, Kernel};
 pub use missing::why_none;
 pub use program::Program;
+pub use transfer::Transfer;
 
 use opencl3::error_codes::ClError;
 

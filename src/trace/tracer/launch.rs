@@ -10,7 +10,9 @@ use crate::trace::kernels::{Grid, SceneOf};
 
 impl Tracer {
     /// Traces and describes the pixels of all parts, and of the ring of blocks around them where edges want to
-    /// know their neighbours. The events of each part, and how many camera rays there were.
+    /// know their neighbours: so many tiles of [`Tracer::ring`], and blocks of them. The events of each part, and how many
+    /// camera rays there were.
+    #[allow(clippy::too_many_arguments)]
     pub(super) fn trace_tiles(
         &self,
         camera: &layout::Camera,
@@ -18,6 +20,7 @@ impl Tracer {
         edge_rays: u32,
         pattern: &TracePattern,
         parts: &[Part],
+        (ring, blocks): (u32, u32),
         records: &Buffer<VisibilityRecord>,
     ) -> Result<(Vec<Vec<Event>>, u64)> {
         let starts = parts.iter().enumerate().map(|(index, part)| match index {
@@ -31,13 +34,9 @@ impl Tracer {
             events.push(self.describe(camera, shading, edge_rays, &pattern.tiles, first, count, records)?);
         }
         if edge_rays > 0 {
-            let (ring, blocks) = pattern.ring(parts);
-            if !ring.is_empty() {
+            if ring > 0 {
                 traced += blocks * TILE_PIXELS / BLOCKS_PER_TILE as u32;
-                let list = Buffer::from_slice(&self.device, &ring)?;
-                let around =
-                    self.describe(camera, shading, edge_rays, &list, 0, ring.len() as u32, records)?;
-                events[0].extend(around);
+                events[0].extend(self.describe(camera, shading, edge_rays, &self.ring, 0, ring, records)?);
             }
             for (part, events) in parts.iter().zip(&mut events) {
                 events.push(self.share_edges(camera, edge_rays, pattern, part, records)?);

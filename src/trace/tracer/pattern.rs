@@ -27,11 +27,23 @@ pub struct TracePattern {
     pub(super) whole: Part,
 }
 
+/// The blocks that touch tiles which parts that follow each other deliver, and that none of them traces.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Ring {
+    /// The blocks' tiles, each with those of its blocks left out that touch none.
+    pub tiles: Vec<u32>,
+    /// How many blocks there are.
+    pub blocks: u32,
+}
+
 impl TracePattern {
-    /// The blocks that touch tiles which parts that follow each other deliver, and that none of them traces: the
-    /// blocks' tiles, each with those of its blocks left out that touch none, and how many blocks there are.
-    pub(super) fn ring(&self, parts: &[Part]) -> (Vec<u32>, u32) {
-        let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return (Vec::new(), 0) };
+    /// What lies around parts that follow each other.
+    pub(super) fn ring(&self, parts: &[Part]) -> Ring {
+        let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Ring::default() };
+        if first.first_traced == 0 && last.tiles.end as usize == self.order.len() {
+            // Around the whole view there is nothing, and this is asked for in each frame.
+            return Ring::default();
+        }
         let (across, down) = (self.tiles_x, self.order.len() as u32 / self.tiles_x.max(1));
         let mut traced = vec![false; self.order.len()];
         let order = |from: u32| &self.order[from as usize..last.tiles.end as usize];
@@ -56,6 +68,6 @@ impl TracePattern {
         }
         let count = ring.iter().map(|&tile| wanted[tile as usize].count_ones()).sum();
         ring.iter_mut().for_each(|tile| *tile |= (!wanted[*tile as usize] & ALL_BLOCKS) << LEFT_OUT_SHIFT);
-        (ring, count)
+        Ring { tiles: ring, blocks: count }
     }
 }
