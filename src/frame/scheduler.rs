@@ -105,9 +105,11 @@ impl Scheduler {
         // Only now: the device that writes in place also describes tiles around its part.
         done.iter().for_each(|(_, done)| job.sample_target.take(&job, done));
         done.iter().for_each(|(device, done)| report.add(*device, done));
-        let observed: Vec<Observation> =
-            done.into_iter().map(|(device, done)| observation(device, done)).collect();
-        self.balancer.observe(job.index, workload, &job.sample_target.seen(workload), &observed);
+        if self.fleet.count() > 1 {
+            let observed: Vec<Observation> =
+                done.into_iter().map(|(device, done)| observation(device, done)).collect();
+            self.balancer.observe(job.index, workload, &job.sample_target.seen(workload), &observed);
+        }
         Ok(report)
     }
 

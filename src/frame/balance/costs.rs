@@ -121,8 +121,6 @@ impl CostMap {
         rates: &[f64],
         is_probed: impl Fn(usize) -> bool,
     ) -> Vec<(usize, Part)> {
-        let sums = self.running_sums(workload, &part);
-        let total = sums.last().copied().unwrap_or(0.0);
         let length = part.samples.end - part.samples.start;
         let mut takers: Vec<(usize, f64)> = rates.iter().copied().enumerate().filter(|t| t.1 > 0.0).collect();
         // The smallest part's cost, as a share of all; too slow is who would need four frames for it.
@@ -135,6 +133,11 @@ impl CostMap {
         }
         let room = (length / ALIGNMENT).max(1) as usize;
         takers.truncate(room);
+        if let [(only, _)] = takers[..] {
+            return vec![(only, part)];
+        }
+        let sums = self.running_sums(workload, &part);
+        let total = sums.last().copied().unwrap_or(0.0);
         let power: f64 = takers.iter().map(|t| t.1).sum();
         let mut at = Vec::with_capacity(takers.len());
         let mut wanted = 0.0;
