@@ -9,6 +9,8 @@
 
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::PathBuf;
+use std::time::Duration;
 
 use foveate::config::{Config, Layers, Stereo};
 use foveate::frame::stereo::parallel_eyes;
@@ -69,14 +71,15 @@ fn row(
     let rest = default_viewpoint(&loaded.scene, 70.0).world_from_eye;
     let mut columns: [Vec<f64>; 4] = Default::default();
     let mut pictures = DefaultHasher::new();
+    let threads = Threads::find();
     for frame in 0..frames + WARM {
         let sway = DQuat::from_rotation_y(0.002 * (frame as f64 * 0.9).sin());
         let eyes = parallel_eyes(rest.then(Pose::new(sway, DVec3::ZERO)), 0.063, fov, width, height);
         let plan = Plan::stereo(eyes, Stereo::PerEye).expect("two eyes");
         let gaze = plan.gaze_points(DVec2::splat(0.5));
-        let before = spent();
+        let before = threads.spent();
         let report = renderer.frame(&plan, &gaze, frame as u32).expect("a frame");
-        let after = spent();
+        let after = threads.spent();
         renderer.picture().expect("the picture").hash(&mut pictures);
         if frame >= WARM {
             let [own, devices] = [0, 1].map(|threads| (after[threads] - before[threads]) as f64 * 1e-6);
@@ -92,19 +95,33 @@ fn row(
     format!("{} | {:016x}", columns.each_ref().map(cell).join(" | "), pictures.finish())
 }
 
-/// Nanoseconds on processors so far: of this thread, and of those that give devices their work.
-fn spent() -> [u64; 2] {
-    let mut sums = [0; 2];
-    let own = std::process::id().to_string();
-    for thread in fs::read_dir("/proc/self/task").expect("the system's list of threads").flatten() {
-        let read = |what: &str| fs::read_to_string(thread.path().join(what)).unwrap_or_default();
-        let place = match read("comm").trim() {
-            _ if thread.file_name().to_string_lossy() == own => 0,
-            name if name.starts_with("device ") => 1,
-            _ => continue,
-        };
-        let on_processors: u64 = read("schedstat").split(' ').next().map_or(0, |ns| ns.parse().unwrap_or(0));
-        sums[place] += on_processors;
+/// The program's threads that frames are made by: this one, and those that give devices their work.
+struct Threads([Vec<PathBuf>; 2]);
+
+impl Threads {
+    /// Those that there are; looked for once, since that takes longer than some frames' work.
+    fn find() -> Threads {
+        let own = std::process::id().to_string();
+        let mut found = [Vec::new(), Vec::new()];
+        for thread in fs::read_dir("/proc/self/task").expect("the system's list of threads").flatten() {
+            let name = fs::read_to_string(thread.path().join("comm")).unwrap_or_default();
+            if thread.file_name().to_string_lossy() == own {
+                found[0].push(thread.path().join("schedstat"));
+            } else if name.starts_with("device ") {
+                found[1].push(thread.path().join("schedstat"));
+            }
+        }
+        Threads(found)
     }
-    sums
+
+    /// Nanoseconds on processors so far.
+    fn spent(&self) -> [u64; 2] {
+        // The system adds up what a thread has run when it stops running: before that some milliseconds may be missing.
+        std::thread::sleep(Duration::from_millis(1));
+        let of = |path: &PathBuf| {
+            let text = fs::read_to_string(path).unwrap_or_default();
+            text.split(' ').next().and_then(|ns| ns.parse::<u64>().ok()).unwrap_or(0)
+        };
+        self.0.each_ref().map(|paths| paths.iter().map(of).sum())
+    }
 }

@@ -10,7 +10,7 @@
 //!   device, beside the first view's tracing
 //! - split (`Balancer::split` in `src/frame/balance/mod.rs`): each device gets a run of the samples, and of
 //!   the tiles under them
-//! - trace (`Scheduler::trace`, `Tracer::enqueue_parts`, `kernels/trace.cl`): all devices at once; guided:
+//! - trace (`Scheduler::begin`, `Tracer::enqueue_parts`, `kernels/trace.cl`): all devices at once; guided:
 //!   `trace_pixels` finds each pixel's first hit, `describe_pixels` (`kernels/visibility.cl`) what is seen
 //!   there and whether the sun shines on it, and `share_edges` (`kernels/edges.cl`) what neighbours fill of
 //!   it; k-NN: `trace_samples` finds the samples' hits only
@@ -30,10 +30,11 @@
 //!   where the view's pixels are wider than the picture's, `shade_pixels` makes the former and
 //!   `kernels/magnify.wgsl` the latter, from the mean over some pictures (`kernels/resolve.wgsl`) where light is reused
 //!
-//! Tracing is waited for before its samples are shared; reconstruction is not, so the second eye is traced
-//! while the first is reconstructed. Then `Reconstruction::wait` collects times. `FrameReport` holds what the
+//! Devices begin with all views at once and go from one to the next by themselves. Each view's tracing is waited for
+//! before its samples are shared; reconstruction is not, so the second eye is traced while the first is reconstructed. Then `Reconstruction::wait` collects times. `FrameReport` holds what the
 //! frame did; `src/frame/log.rs` writes it as a line of JSON.
 
+mod jobs;
 mod patterns;
 mod report;
 mod start;
@@ -44,7 +45,7 @@ use std::time::Instant;
 use glam::{DMat4, DVec2};
 
 use super::meter::Meter;
-use super::scheduler::{DeviceShare, Scheduler};
+use super::scheduler::Scheduler;
 use super::stereo::{Cut, Plan};
 use crate::config::{Config, Quality, Samples};
 use crate::error::Result;
@@ -56,14 +57,10 @@ use crate::math::view::View;
 use crate::reconstruct::{self, Frame, Overlay, Reconstruction};
 use crate::scene::Sun;
 use crate::scene::hands::HandPlaces;
-use crate::trace::{self, Fleet, Job, MovingScene, MovingSky, SceneState, SkyState};
+use crate::trace::{self, Fleet, MovingScene, MovingSky, SceneState, SkyState};
 use patterns::TracedView;
 pub use report::{FrameReport, Output, StageMs};
 use start::{reconstruction_settings, reuse, trace_settings};
-
-/// The cache of light makes three steps for each view until it has made so many: light reaches what only many bounces
-/// light within half a second.
-const EARLY_STEPS: u64 = 96;
 
 /// Everything that is needed to turn poses into pictures.
 pub struct Renderer {
@@ -177,9 +174,13 @@ impl Renderer {
         for (index, request) in requests.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, request)?;
         }
-        for (index, request) in requests.iter().enumerate() {
-            let view = self.view_of(index, request);
-            self.trace(index, &view, seed, &mut report)?;
+        let views: Vec<View> =
+            requests.iter().enumerate().map(|(index, request)| self.view_of(index, request)).collect();
+        let jobs = views.iter().enumerate().map(|(index, view)| Arc::new(self.job(index, view, seed)));
+        let jobs = jobs.collect();
+        let begun = self.scheduler.begin(jobs);
+        for (index, ((request, view), begun)) in requests.iter().zip(views).zip(begun).enumerate() {
+            self.end_trace(index, begun, &mut report)?;
             if self.meter.stops().is_none() {
                 self.meter.observe(self.views[..=index].iter().map(TracedView::metered), self.sun);
             }
@@ -197,46 +198,6 @@ impl Renderer {
         self.meter.observe(self.views.iter().take(requests.len()).map(TracedView::metered), self.sun);
         report.frame_ms = start.elapsed().as_secs_f64() * 1e3 + report.stages.motion;
         Ok(report)
-    }
-
-    /// Has all devices trace their parts of a view, and waits until the results are where Vulkan reads them.
-    fn trace(&mut self, index: usize, view: &View, seed: u32, report: &mut FrameReport) -> Result<()> {
-        let traced = &self.views[index];
-        // Averages of many pictures are meant to be exact.
-        let cached = self.settings.cached && !self.settings.jitter;
-        self.light += if self.light < EARLY_STEPS { self.light_steps.max(3) } else { self.light_steps };
-        self.light_steps = 1;
-        let job = Job {
-            index,
-            view: *view,
-            settings: trace::Settings { seed, cached, rays: self.rays_of(index, view), ..self.settings },
-            light: self.light,
-            state: self.state.clone(),
-            sky: self.sky.clone(),
-            pattern: traced.pattern.clone(),
-            workload: traced.workload.clone(),
-            sample_target: traced.sample_target.clone(),
-            direct: true,
-        };
-        let done = self.scheduler.trace(&Arc::new(job))?;
-        let slowest = done.slowest();
-        report.samples += traced.pattern.samples.len();
-        report.rays += done.rays;
-        report.stages.trace += slowest.trace_ms;
-        report.stages.shade += slowest.shade_ms;
-        report.stages.light += slowest.light_ms;
-        report.stages.share += slowest.copy_ms;
-        report.devices.resize(done.devices.len(), DeviceShare::default());
-        report.devices.iter_mut().zip(&done.devices).for_each(|(sum, share)| sum.add(share));
-        Ok(())
-    }
-
-    /// A view as it is traced: its pose is new in each frame, its pixels are those of its pattern, and where within them it
-    /// looks may be elsewhere.
-    fn view_of(&self, index: usize, request: &ViewRequest) -> View {
-        let view = &self.views[index].view;
-        let view = View { world_from_eye: request.view.world_from_eye, ..*view };
-        View { spacing: view.spacing.shifted(self.reconstruction.jitter(index, &view)), ..view }
     }
 
     fn reconstruct(
@@ -322,13 +283,6 @@ impl Renderer {
             records[pixel.y as usize * view.width as usize + pixel.x as usize].depth
         };
         (0..picture.pixels()).map(depth).collect()
-    }
-
-    /// Light rays of each of a view's samples: fewer where earlier frames have sent some for it.
-    fn rays_of(&self, index: usize, view: &View) -> u32 {
-        let rays = self.settings.rays;
-        let part = (f64::from(rays) * self.rays_with_history).ceil() as u32;
-        if self.reconstruction.remembers(index, view) { part.clamp(1, rays) } else { rays }
     }
 
     /// The tracing devices.

@@ -38,6 +38,13 @@ pub struct ViewReport {
     pub devices: Vec<DeviceShare>,
 }
 
+/// A view that devices have begun with.
+pub struct BegunView {
+    job: Arc<Job>,
+    /// None where there was no device to begin with it.
+    round: Option<u64>,
+}
+
 /// A fleet, and who gets which part of each view.
 pub struct Scheduler {
     fleet: Fleet,
@@ -74,33 +81,45 @@ impl Scheduler {
         self.fleet.take_notes()
     }
 
-    /// Has a view traced, whose results are in its sample target afterwards. What a device leaves undone, the
+    /// Has devices begin with views that follow each other; each is to be waited for by [`Scheduler::end`], in their order.
+    /// Views that were begun before and not waited for are forgotten.
+    pub fn begin(&mut self, jobs: Vec<Arc<Job>>) -> Vec<BegunView> {
+        self.fleet.forget();
+        self.fleet.refresh();
+        self.know_present();
+        let parts: Vec<_> = jobs.iter().map(|job| self.balancer.split(job.index, &job.workload)).collect();
+        let idle: Vec<bool> = parts.iter().map(Vec::is_empty).collect();
+        let rounds = self.fleet.begin(jobs.iter().cloned().zip(parts).collect());
+        let begun = jobs.into_iter().zip(rounds).zip(idle);
+        begun.map(|((job, round), idle)| BegunView { job, round: (!idle).then_some(round) }).collect()
+    }
+
+    /// Waits for a view, whose results are in its sample target afterwards. What a device leaves undone, the
     /// others do at once.
     ///
     /// # Errors
     /// [`Error::NoDevice`] where no device is left.
-    pub fn trace(&mut self, job: &Arc<Job>) -> Result<ViewReport> {
-        self.fleet.refresh();
-        self.know_present();
+    pub fn end(&mut self, view: BegunView) -> Result<ViewReport> {
+        let BegunView { mut job, round } = view;
         let workload = &job.workload.clone();
         let mut report = ViewReport { devices: vec![DeviceShare::default(); self.fleet.count()], rays: 0 };
-        let (mut job, mut done) = (job.clone(), Vec::new());
-        let mut parts = self.balancer.split(job.index, workload);
-        let mut lost = Vec::new();
+        let (mut done, mut lost) = (Vec::new(), Vec::new());
+        let mut round = round.map(|round| self.fleet.end(round));
         loop {
-            if parts.is_empty() {
-                parts = self.wait_for_one(&job)?;
+            let Some(ended) = round else {
+                let parts = self.wait_for_one(&job)?;
                 // What was done before is done anew.
                 (done, lost) = (Vec::new(), Vec::new());
+                round = Some(self.fleet.trace(&job, parts));
                 continue;
-            }
-            let round = self.fleet.trace(&job, &parts);
-            done.extend(round.done);
-            lost.extend(round.lost);
+            };
+            done.extend(ended.done);
+            lost.extend(ended.lost);
             let Some(part) = lost.pop() else { break };
             self.know_present();
             job = Arc::new(Job { direct: false, ..Job::clone(&job) });
-            parts = self.balancer.split_part(job.index, workload, part);
+            let parts = self.balancer.split_part(job.index, workload, part);
+            round = if parts.is_empty() { None } else { Some(self.fleet.trace(&job, parts)) };
         }
         // Only now: the device that writes in place also describes tiles around its part.
         done.iter().for_each(|(_, done)| job.sample_target.take(&job, done));

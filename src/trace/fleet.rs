@@ -4,13 +4,17 @@
 //! (`src/trace/self_test.rs`), traces its parts, and opens it anew after a failure, at growing intervals. A
 //! driver that hangs holds up nobody else: after a while its part goes to the others in the same frame, and
 //! it may take part again once it answers. `Worker` is what a fleet has of a device; tests give it some that
-//! fail. Each device has a context and a copy of the scene of its own, although devices of one platform could
+//! fail. Devices are given their parts of all views of a frame at once, and begin with the next one without being waited
+//! for (`Fleet::begin`). Each device has a context and a copy of the scene of its own, although devices of one platform could
 //! share a context: nothing is shared between devices but what the host packs once and keeps for those that
 //! come back, and in a common context buffers may be kept for, moved to, or lost with each device in it, as
 //! the driver likes. The first device writes results in place where memory is shared; the others' are copied,
 //! samples as they are and visibility packed tile by tile (`kernels/gather.cl`).
 
+mod thread;
+
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
@@ -23,6 +27,7 @@ use crate::foveation::Part;
 use crate::gpu::opencl::Device;
 use crate::progress;
 use crate::waiting::{self, Limits};
+use thread::{Answer, Order, work};
 
 /// Opens a worker: called on the worker's own thread, at start and again after a failure. The number counts the
 /// times.
@@ -31,14 +36,14 @@ pub type Opener = Box<dyn Fn(u32) -> Result<Box<dyn Worker>> + Send>;
 /// A device, and its variants of the kernels or why it is of no use.
 pub type Tried = (Device, std::result::Result<Traversals, String>);
 
+/// Parts of a view, each with the index of the device that is to trace it.
+pub type Parts = Vec<(usize, Part)>;
+
 /// How long devices may take to open, and for their first part: drivers build kernels meanwhile.
 const BUILDING: Limits = Limits::BUILDING;
 /// A part may take this long at least, and this many times as long as parts have taken lately.
 const PATIENCE: Duration = Duration::from_secs(3);
 const PATIENCE_FACTOR: f64 = 20.0;
-/// A failed device is tried again after this time, which doubles with each failure.
-const RETRY: Duration = Duration::from_millis(500);
-const RETRY_LONGEST: Duration = Duration::from_secs(60);
 
 /// Where a device stands.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,8 +62,19 @@ pub enum State {
 pub struct Fleet {
     members: Vec<Member>,
     answers: Receiver<(usize, Answer)>,
-    round: u64,
+    /// Rounds so far, and those that nobody has waited for yet.
+    rounds: u64,
+    begun: Vec<Begun>,
     notes: Vec<String>,
+}
+
+/// A round under way.
+#[derive(Default)]
+struct Begun {
+    number: u64,
+    /// Parts that devices work on, each under its device's index.
+    waiting: HashMap<usize, Part>,
+    round: Round,
 }
 
 struct Member {
@@ -70,18 +86,6 @@ struct Member {
     usual: Option<f64>,
     /// It has failed since it was first opened.
     failed: bool,
-}
-
-struct Order {
-    round: u64,
-    job: Arc<Job>,
-    part: Part,
-}
-
-enum Answer {
-    Opened(std::result::Result<(), String>),
-    /// The round that it belongs to, and the result.
-    Traced(u64, std::result::Result<Box<PartResult>, String>),
 }
 
 /// What became of a round's parts.
@@ -151,7 +155,8 @@ impl Fleet {
             };
             Member { name, orders: Some(orders), thread, state, usual: None, failed: false }
         });
-        let mut fleet = Fleet { members: members.collect(), answers, round: 0, notes: Vec::new() };
+        let mut fleet =
+            Fleet { members: members.collect(), answers, rounds: 0, begun: Vec::new(), notes: Vec::new() };
         fleet.wait_open();
         if fleet.members.iter().any(|m| m.state == State::Ready) {
             return Ok(fleet);
@@ -165,7 +170,7 @@ impl Fleet {
             let heard =
                 waiting::wait_for(&waiting.name, BUILDING, |step| self.answers.recv_timeout(step).ok());
             let Some((index, answer)) = heard else { break };
-            drop(self.hear(index, answer));
+            self.hear(index, answer);
         }
         for member in self.members.iter_mut().filter(|m| m.state == State::Opening) {
             waiting::give_up();
@@ -203,7 +208,7 @@ impl Fleet {
         while !self.members.iter().any(|m| m.state == State::Ready) {
             let left = most.saturating_sub(start.elapsed());
             match self.answers.recv_timeout(left.min(waiting::STEP)) {
-                Ok((index, answer)) => drop(self.hear(index, answer)),
+                Ok((index, answer)) => self.hear(index, answer),
                 Err(_) if left.is_zero() || waiting::leaves(start.elapsed()) => return false,
                 Err(_) => {}
             }
@@ -214,61 +219,87 @@ impl Fleet {
     /// Hears of devices that have come back.
     pub fn refresh(&mut self) {
         while let Ok((index, answer)) = self.answers.try_recv() {
-            drop(self.hear(index, answer));
+            self.hear(index, answer);
         }
     }
 
-    /// Has parts traced, all at the same time, and waits for them. A device that fails or is late leaves its
+    /// Has parts of a view traced, all at the same time, and waits for them. A device that fails or is late leaves its
     /// part undone.
-    pub fn trace(&mut self, job: &Arc<Job>, parts: &[(usize, Part)]) -> Round {
-        self.round += 1;
-        let (mut round, start) = (Round::default(), Instant::now());
-        let mut silent_at = Some(start + BUILDING.told);
-        let mut waiting: HashMap<usize, (Part, Instant)> = HashMap::new();
-        for (index, part) in parts {
-            let order = Order { round: self.round, job: job.clone(), part: part.clone() };
-            let member = &self.members[*index];
+    pub fn trace(&mut self, job: &Arc<Job>, parts: Parts) -> Round {
+        let number = self.begin(vec![(job.clone(), parts)]).start;
+        self.end(number)
+    }
+
+    /// Has devices begin with parts of views that follow each other: none waits between its parts. The numbers of the
+    /// views' rounds, for [`Fleet::end`].
+    pub fn begin(&mut self, views: Vec<(Arc<Job>, Parts)>) -> Range<u64> {
+        let first = self.rounds;
+        let mut orders: Vec<Order> = self.members.iter().map(|_| Order::default()).collect();
+        for (job, parts) in views {
+            let mut begun = Begun { number: self.rounds, ..Begun::default() };
+            for (index, part) in parts {
+                orders[index].rounds.push(self.rounds);
+                orders[index].work.push((job.clone(), part.clone()));
+                begun.waiting.insert(index, part);
+            }
+            self.begun.push(begun);
+            self.rounds += 1;
+        }
+        for (index, order) in orders.into_iter().enumerate().filter(|(_, order)| !order.work.is_empty()) {
+            let member = &self.members[index];
             let send = |orders: &Sender<Order>| orders.send(order).is_ok();
-            if member.state == State::Ready && member.orders.as_ref().is_some_and(send) {
-                waiting.insert(*index, (part.clone(), start + member.patience()));
-            } else {
-                round.lost.push(part.clone());
+            if member.state != State::Ready || !member.orders.as_ref().is_some_and(send) {
+                self.lose(index);
             }
         }
-        while let Some(deadline) = waiting.values().map(|(_, deadline)| *deadline).min() {
-            let left = deadline.saturating_duration_since(Instant::now());
+        first..self.rounds
+    }
+
+    /// Forgets rounds that were begun and that nobody will wait for.
+    pub fn forget(&mut self) {
+        self.begun.clear();
+    }
+
+    /// Waits for a round's parts.
+    ///
+    /// # Panics
+    /// If there is no such round, or it was waited for before.
+    pub fn end(&mut self, number: u64) -> Round {
+        let start = Instant::now();
+        let mut silent_at = Some(start + BUILDING.told);
+        loop {
+            let at = self.begun.iter().position(|begun| begun.number == number);
+            let at = at.unwrap_or_else(|| panic!("round {number} is not under way"));
+            let waiting = &self.begun[at].waiting;
+            let deadline = |index: &usize| start + self.members[*index].patience();
+            let Some(first) = waiting.keys().map(deadline).min() else {
+                return self.begun.swap_remove(at).round;
+            };
+            let left = first.saturating_duration_since(Instant::now());
             match self.answers.recv_timeout(left.min(waiting::STEP)) {
-                Ok((index, answer)) => {
-                    let done = self.hear(index, answer);
-                    if self.members[index].state != State::Ready {
-                        round.lost.extend(waiting.remove(&index).map(|(part, _)| part));
-                    } else if let Some(done) = done
-                        && waiting.remove(&index).is_some()
-                    {
-                        self.members[index].remember(start.elapsed());
-                        round.done.push((index, done));
-                    }
-                }
+                Ok((index, answer)) => self.hear(index, answer),
                 Err(RecvTimeoutError::Timeout) => {
                     let now = Instant::now();
                     let leaves = waiting::leaves(start.elapsed());
                     if silent_at.take_if(|at| *at <= now).is_some() {
                         self.tell_silent(waiting.keys());
                     }
-                    let is_late = |deadline: Instant| deadline <= now || leaves;
-                    let late: Vec<usize> =
-                        waiting.iter().filter(|(_, w)| is_late(w.1)).map(|(&index, _)| index).collect();
-                    for index in late {
-                        round.lost.extend(waiting.remove(&index).map(|(part, _)| part));
-                        self.leave_late(index);
-                    }
+                    let late = waiting.keys().copied().filter(|index| leaves || deadline(index) <= now);
+                    let late: Vec<usize> = late.collect();
+                    late.into_iter().for_each(|index| self.leave_late(index));
                 }
                 Err(RecvTimeoutError::Disconnected) => {
-                    round.lost.extend(waiting.drain().map(|(_, (part, _))| part));
+                    (0..self.members.len()).for_each(|index| self.lose(index));
                 }
             }
         }
-        round
+    }
+
+    /// Takes what a device has begun with from it.
+    fn lose(&mut self, index: usize) {
+        for begun in &mut self.begun {
+            begun.round.lost.extend(begun.waiting.remove(&index));
+        }
     }
 
     /// Tells at once who is waited for: a frame does not end meanwhile.
@@ -283,6 +314,7 @@ impl Fleet {
     /// Goes on without a device that does not answer.
     fn leave_late(&mut self, index: usize) {
         self.members[index].state = State::Late;
+        self.lose(index);
         let rest = match self.members.iter().any(|m| m.state == State::Ready) {
             true => "; the others do its part until it does",
             false => "",
@@ -290,8 +322,8 @@ impl Fleet {
         self.notes.push(format!("{} does not answer{rest}", self.members[index].name));
     }
 
-    /// Takes an answer in; what was traced in this round is handed on.
-    fn hear(&mut self, index: usize, answer: Answer) -> Option<PartResult> {
+    /// Takes an answer in.
+    fn hear(&mut self, index: usize, answer: Answer) {
         let others = self.members.iter().enumerate().any(|(i, m)| i != index && m.state == State::Ready);
         let left =
             |why: &str| if others { format!("{why}; the others do its part") } else { why.to_string() };
@@ -309,20 +341,26 @@ impl Fleet {
                 }
                 member.state = State::Out(why);
             }
-            Answer::Traced(round, Ok(done)) => {
+            Answer::Traced(round, took, Ok(done)) => {
                 if member.state == State::Late {
                     self.notes.push(format!("{} answers again", member.name));
                     member.state = State::Ready;
                 }
-                return (round == self.round).then_some(*done);
+                // What came too late is done by others already.
+                if let Some(begun) = self.begun.iter_mut().find(|begun| begun.number == round)
+                    && begun.waiting.remove(&index).is_some()
+                {
+                    member.remember(took);
+                    begun.round.done.push((index, *done));
+                }
             }
-            Answer::Traced(_, Err(why)) => {
+            Answer::Traced(_, _, Err(why)) => {
                 self.notes.push(left(&why));
                 member.failed = true;
                 member.state = State::Out(why);
+                self.lose(index);
             }
         }
-        None
     }
 }
 
@@ -348,48 +386,6 @@ impl Drop for Fleet {
                 && let Some(thread) = member.thread.take()
             {
                 let _ = thread.join();
-            }
-        }
-    }
-}
-
-/// A device's thread: ends when nobody is left to give orders.
-fn work(index: usize, open: &Opener, orders: &Receiver<Order>, answer: &Sender<(usize, Answer)>) {
-    let mut pause = RETRY;
-    for times in 0.. {
-        let opened = open(times);
-        let told = opened.as_ref().map(drop).map_err(ToString::to_string);
-        if answer.send((index, Answer::Opened(told))).is_err() {
-            return;
-        }
-        if let Ok(mut worker) = opened {
-            loop {
-                let Ok(order) = orders.recv() else { return };
-                let traced = worker.trace(&order.job, &order.part);
-                let failed = traced.is_err();
-                let told = traced.map(Box::new).map_err(|error| error.to_string());
-                if answer.send((index, Answer::Traced(order.round, told))).is_err() {
-                    return;
-                }
-                if failed {
-                    if worker.is_lost() {
-                        std::mem::forget(worker);
-                    }
-                    break;
-                }
-                pause = RETRY;
-            }
-        } else if times == 0 {
-            // What cannot be used at the start is left out for good.
-            return;
-        }
-        let until = Instant::now() + pause;
-        pause = (pause * 2).min(RETRY_LONGEST);
-        loop {
-            match orders.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                Ok(_) => {}
-                Err(RecvTimeoutError::Timeout) => break,
-                Err(RecvTimeoutError::Disconnected) => return,
             }
         }
     }

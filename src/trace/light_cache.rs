@@ -16,10 +16,11 @@
 //! step depends on the view and its number alone. So devices that trace parts of a view need not exchange
 //! anything: each makes all steps for itself, which is a small part of a frame, and all know the same, bit by
 //! bit. One that has missed frames makes up for the last 96 steps; until its older samples have faded it may
-//! differ from the others within the cache's noise.
+//! differ from the others within the cache's noise. So may what another has left undone and a device does that has begun
+//! with the next view already: its cache is a step ahead.
 
 use crate::error::Result;
-use crate::gpu::opencl::{Buffer, Device, Event, Program};
+use crate::gpu::opencl::{Buffer, Device, Event, Program, Transfer};
 use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
 
 use super::kernels::{ForgetCells, Grid, LightCells, SceneOf, SettleCells};
@@ -143,11 +144,9 @@ impl LightCache {
         Ok([forget, light, settle])
     }
 
-    /// Rays of the last update; call it when the device has finished.
-    pub fn rays(&self) -> Result<u64> {
-        let mut counters = [0; 2];
-        self.memory.as_ref().map_or(Ok(()), |memory| memory.counters.read(&mut counters))?;
-        Ok(u64::from(counters[0]))
+    /// Starts reading the rays of the last update, the first of two numbers; none before any.
+    pub fn rays(&self) -> Result<Option<Transfer<Vec<u32>>>> {
+        self.memory.as_ref().map(|memory| memory.counters.start_read(0, 2)).transpose()
     }
 }
 

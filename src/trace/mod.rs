@@ -32,7 +32,7 @@ mod worker;
 
 pub use daylight::{MovingSky, SkyState};
 pub use deform::deformed_bytes;
-pub use fleet::{Fleet, Opener, Round, State, Tried};
+pub use fleet::{Fleet, Opener, Parts, Round, State, Tried};
 pub use moving::{DeformedBy, MovingScene, SceneState};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneContents, SceneData, tree_bytes};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera, try_kernels};

@@ -94,14 +94,18 @@ pub struct Tracer {
     blends: Buffer<u32>,
     /// Tiles around the parts that are traced; grown when more are.
     ring: Buffer<u32>,
+    /// What pixels see, gathered for the host; grown when a part needs more.
+    packed: Buffer<VisibilityRecord>,
 }
 
-/// Work under way: events whose times are read when the device has finished.
+/// Work under way: events whose times are read when it is done.
 #[derive(Debug)]
 pub struct InFlight {
     /// Each part's camera rays and visibility, and its shading.
     parts: Vec<(Vec<Event>, Event)>,
     camera_rays: u64,
+    /// Light rays, and samples that were dropped: the last that the queue does for it.
+    counters: Transfer<Vec<u32>>,
     /// The host's side of what is copied to the device meanwhile.
     _copied: Option<Transfer<Vec<u32>>>,
 }
@@ -175,6 +179,7 @@ impl Tracer {
             may_blend: data.features.alpha,
             blends: Buffer::new(device, 1)?,
             ring: Buffer::new(device, 1)?,
+            packed: Buffer::new(device, 1)?,
             device: device.clone(),
         })
     }
@@ -222,11 +227,11 @@ impl Tracer {
         self.light.update(&self.device, &self.scene, &camera, &shading, pattern, step)
     }
 
-    /// Rays of the last step of the cache of light, when the device has finished.
+    /// Starts reading how many rays the last step of the cache of light has sent: its first number. None without any step.
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device is lost.
-    pub fn light_rays(&self) -> Result<u64> {
+    pub fn light_rays(&self) -> Result<Option<Transfer<Vec<u32>>>> {
         self.light.rays()
     }
 
@@ -271,7 +276,8 @@ impl Tracer {
         }
     }
 
-    /// Enqueues the trace of all samples of a view; with guided settings also what every pixel sees.
+    /// Enqueues the trace of all samples of a view; with guided settings also what every pixel sees. More may be enqueued
+    /// before this is waited for.
     ///
     /// `samples` and `visibility` are at least as long as the pattern's samples and the view's pixels;
     /// their content is complete after [`Tracer::finish`].
@@ -309,6 +315,8 @@ impl Tracer {
         if self.may_blend && self.blends.len() < needed {
             self.blends = Buffer::zeroed(&self.device, needed)?;
         }
+        samples.acquire()?;
+        visibility.map_or(Ok(()), Buffer::acquire)?;
         self.counters.fill_zero()?;
         let camera = camera(view, self.anchor, settings);
         let shading = self.shading(settings);
@@ -331,8 +339,11 @@ impl Tracer {
         for (part, trace) in parts.iter().zip(traces) {
             events.push((trace, self.shade(&camera, &shading, pattern, part, visibility, samples)?));
         }
+        samples.release()?;
+        visibility.map_or(Ok(()), Buffer::release)?;
+        let counters = self.counters.start_read(0, 2)?;
         self.device.flush()?;
-        Ok(InFlight { parts: events, camera_rays, _copied: copied })
+        Ok(InFlight { parts: events, camera_rays, counters, _copied: copied })
     }
 
     /// Has the tiles around parts copied to where kernels find them.
@@ -346,11 +357,12 @@ impl Tracer {
         self.ring.start_write(ring.tiles).map(Some)
     }
 
-    /// Waits for what was enqueued and tells what it did.
+    /// Waits for what was enqueued, not for what was enqueued after it, and tells what it did.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
     pub fn finish(&self, work: InFlight) -> Result<Traced> {
-        self.device.finish()?;
-        let mut counters = [0; 2];
-        self.counters.read(&mut counters)?;
+        let counters = work.counters.into_memory()?;
         let times = |(trace, shade): &(Vec<Event>, Event)| {
             [trace.iter().map(Event::device_ms).sum(), shade.device_ms()]
         };
@@ -364,28 +376,39 @@ impl Tracer {
         })
     }
 
-    /// What the pixels of `tiles` see, tile by tile along the pattern's order, 256 records each in rows; those
-    /// beyond the view's edge are undefined.
+    /// Starts gathering what the pixels of `tiles` see, tile by tile along the pattern's order, 256 records each in rows;
+    /// those beyond the view's edge are undefined. The gathering's event, and the records on their way to the host; none
+    /// without any tiles.
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device is lost.
     pub fn packed_visibility(
-        &self,
+        &mut self,
         view: &View,
         pattern: &TracePattern,
         tiles: std::ops::Range<u32>,
         records: &Buffer<VisibilityRecord>,
-    ) -> Result<Vec<VisibilityRecord>> {
+    ) -> Result<Option<(Event, Transfer<Vec<VisibilityRecord>>)>> {
         let camera = layout::Camera { width: view.width, height: view.height, ..Default::default() };
         let length = tiles.len() * TILE_PIXELS as usize;
         if length == 0 {
-            return Ok(Vec::new());
+            return Ok(None);
         }
-        let packed = Buffer::<VisibilityRecord>::new(&self.device, length)?;
+        if self.packed.len() < length {
+            self.packed = Buffer::new(&self.device, length)?;
+        }
         let grid = Grid { items: tiles.len() * ROWS_PER_TILE, group: self.traversals.pixels.group() };
         let (first, count) = (tiles.start, tiles.len() as u32);
-        self.pack_visibility.launch(grid, &camera, &pattern.tiles, first, count, records, &packed)?;
-        packed.to_vec()
+        let packing = self.pack_visibility.launch(
+            grid,
+            &camera,
+            &pattern.tiles,
+            first,
+            count,
+            records,
+            &self.packed,
+        )?;
+        Ok(Some((packing, self.packed.start_read(0, length)?)))
     }
 
     /// The first `count` camera rays' hits of the last trace that was finished: of all pixels row after

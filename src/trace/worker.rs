@@ -1,14 +1,13 @@
 //! One device's share of a frame, from the job to the results that others can use.
 
 use std::sync::Arc;
-use std::time::Instant;
 
-use super::{SceneData, SceneState, Settings, SkyState, TracePattern, Tracer, Traversals};
+use super::{InFlight, SceneData, SceneState, Settings, SkyState, TracePattern, Tracer, Traversals};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::interop::Shared;
-use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event};
+use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event, Transfer};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 
@@ -78,6 +77,19 @@ pub trait Worker: Send {
     /// Where the device fails; it is not used again before it was opened anew.
     fn trace(&mut self, job: &Job, part: &Part) -> Result<PartResult>;
 
+    /// Traces parts of views that follow each other, and tells each result as soon as it is there; ends with the first
+    /// that fails. A device that can begins the next part before it is waited for with the last.
+    fn trace_all(&mut self, work: &[(Arc<Job>, Part)], tell: &mut dyn FnMut(Result<PartResult>)) {
+        for (job, part) in work {
+            let done = self.trace(job, part);
+            let failed = done.is_err();
+            tell(done);
+            if failed {
+                return;
+            }
+        }
+    }
+
     /// After a failure: the device is gone for good, and its driver may hang when it is told to let go of
     /// what was there.
     fn is_lost(&self) -> bool {
@@ -95,6 +107,19 @@ pub struct DeviceWorker {
     /// Steps that its cache of light has made.
     light: u64,
     views: Vec<Option<OwnView>>,
+}
+
+/// A part that the device works on.
+struct Begun {
+    part: Part,
+    slices: Vec<Part>,
+    work: InFlight,
+    /// Steps of the cache of light, and how many rays the last one has sent.
+    light: Vec<Event>,
+    light_rays: Option<Transfer<Vec<u32>>>,
+    /// Results on their way to the host, where they are not written in place.
+    samples: Option<Transfer<Vec<SampleRecord>>>,
+    visibility: Option<(Event, Transfer<Vec<VisibilityRecord>>)>,
 }
 
 /// A view's pattern and results in the device's own memory.
@@ -127,6 +152,60 @@ impl DeviceWorker {
     /// As [`DeviceWorker::new`], and where the driver refuses the device.
     pub fn reopen(info: &DeviceInfo, data: &SceneData, traversals: Traversals) -> Result<Self> {
         Self::new(&Device::open(info)?, data, traversals, false)
+    }
+
+    /// Has the device begin with a part, after all that it has begun with before.
+    fn begin(&mut self, job: &Job, part: &Part) -> Result<Begun> {
+        if let Some(state) = &job.state {
+            self.tracer.move_to(state)?;
+        }
+        if let Some(sky) = &job.sky {
+            self.tracer.light_by(sky)?;
+        }
+        self.prepare(job)?;
+        let DeviceWorker { tracer, views, direct, slices, light, .. } = self;
+        let Some(own) = &views[job.index] else { unreachable!("a view that was just prepared") };
+        let target = &job.sample_target;
+        let in_place = target.samples.opencl().filter(|_| *direct && job.direct);
+        let Some(samples) = in_place.or(own.samples.as_ref()) else {
+            unreachable!("it has room for samples")
+        };
+        let visibility = match in_place {
+            Some(_) => target.visibility.as_ref().and_then(Shared::opencl),
+            None => own.visibility.as_ref().filter(|_| job.settings.guided),
+        };
+        let parts = job.workload.slices(part, *slices);
+        let mut steps = Vec::new();
+        if job.settings.cached {
+            // What a device has missed it makes up for, within bounds.
+            for step in (*light).max(job.light.saturating_sub(MISSED_STEPS))..job.light {
+                steps.extend(tracer.update_light(&job.view, &job.settings, &own.uploaded, step + 1)?);
+            }
+            // It may be ahead already, where it does another's part of a view before.
+            *light = job.light.max(*light);
+        }
+        let light_rays = if steps.is_empty() { None } else { tracer.light_rays()? };
+        let work =
+            tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, samples, visibility)?;
+        let mut begun = Begun {
+            part: part.clone(),
+            slices: parts,
+            work,
+            light: steps,
+            light_rays,
+            samples: None,
+            visibility: None,
+        };
+        if in_place.is_none() {
+            let (first, count) = (part.samples.start as usize, part.samples.len());
+            begun.samples = Some(samples.start_read(first, count)?);
+            if let Some(records) = visibility {
+                let tiles = part.tiles.clone();
+                begun.visibility = tracer.packed_visibility(&job.view, &own.uploaded, tiles, records)?;
+            }
+            tracer.device().flush()?;
+        }
+        Ok(begun)
     }
 
     /// Takes in a view's pattern, where it is new.
@@ -162,55 +241,53 @@ impl Worker for DeviceWorker {
     }
 
     fn trace(&mut self, job: &Job, part: &Part) -> Result<PartResult> {
-        if let Some(state) = &job.state {
-            self.tracer.move_to(state)?;
-        }
-        if let Some(sky) = &job.sky {
-            self.tracer.light_by(sky)?;
-        }
-        self.prepare(job)?;
-        let Some(own) = &self.views[job.index] else { return Ok(PartResult::default()) };
-        let sample_target = &job.sample_target;
-        let direct = sample_target.samples.opencl().filter(|_| self.direct && job.direct);
-        let Some(samples) = direct.or(own.samples.as_ref()) else { return Ok(PartResult::default()) };
-        let visibility = match direct {
-            Some(_) => sample_target.visibility.as_ref().and_then(Shared::opencl),
-            None => own.visibility.as_ref().filter(|_| job.settings.guided),
-        };
-        let parts = job.workload.slices(part, self.slices);
-        let tracer = &mut self.tracer;
-        let mut lit = Vec::new();
-        if job.settings.cached {
-            // What a device has missed it makes up for, within bounds.
-            for step in self.light.max(job.light.saturating_sub(MISSED_STEPS))..job.light {
-                lit.extend(tracer.update_light(&job.view, &job.settings, &own.uploaded, step + 1)?);
+        self.begin(job, part)?.finish(&self.tracer)
+    }
+
+    fn trace_all(&mut self, work: &[(Arc<Job>, Part)], tell: &mut dyn FnMut(Result<PartResult>)) {
+        let mut failed = false;
+        let mut begun = Vec::with_capacity(work.len());
+        for (job, part) in work {
+            begun.push(self.begin(job, part));
+            if begun.last().is_some_and(Result::is_err) {
+                break;
             }
-            self.light = job.light;
         }
-        samples.acquire()?;
-        visibility.map_or(Ok(()), Buffer::acquire)?;
-        let work =
-            tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, samples, visibility)?;
-        samples.release()?;
-        visibility.map_or(Ok(()), Buffer::release)?;
-        let traced = tracer.finish(work)?;
+        for begun in begun {
+            if failed {
+                // The device may never be done with it: who lets go of it might be waiting for ever.
+                std::mem::forget(begun);
+                continue;
+            }
+            let done = begun.and_then(|begun| begun.finish(&self.tracer));
+            failed = done.is_err();
+            tell(done);
+        }
+    }
+}
+
+impl Begun {
+    /// Waits for the part, and tells what was done.
+    fn finish(self, tracer: &Tracer) -> Result<PartResult> {
+        let traced = tracer.finish(self.work)?;
+        let light_rays = self.light_rays.map_or(Ok(0), |rays| Ok(u64::from(rays.into_memory()?[0])))?;
         let mut done = PartResult {
-            part: part.clone(),
-            slices: parts.into_iter().zip(traced.parts_ms).collect(),
-            rays: traced.rays + if lit.is_empty() { 0 } else { tracer.light_rays()? },
+            part: self.part,
+            slices: self.slices.into_iter().zip(traced.parts_ms).collect(),
+            rays: traced.rays + light_rays,
             dropped: traced.dropped,
-            light_ms: lit.iter().map(Event::device_ms).sum(),
+            light_ms: self.light.iter().map(Event::device_ms).sum(),
             ..PartResult::default()
         };
-        if direct.is_none() {
-            let start = Instant::now();
-            done.samples = vec![SampleRecord::default(); part.samples.len()];
-            samples.read_at(part.samples.start as usize, &mut done.samples)?;
-            if let Some(records) = visibility {
-                done.visibility =
-                    tracer.packed_visibility(&job.view, &own.uploaded, part.tiles.clone(), records)?;
-            }
-            done.copy_ms = start.elapsed().as_secs_f64() * 1e3;
+        if let Some(samples) = self.samples {
+            samples.wait()?;
+            done.copy_ms += samples.device_ms();
+            done.samples = samples.into_memory()?;
+        }
+        if let Some((packing, records)) = self.visibility {
+            records.wait()?;
+            done.copy_ms += packing.device_ms() + records.device_ms();
+            done.visibility = records.into_memory()?;
         }
         Ok(done)
     }

@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod day;
+mod eyes;
 mod grabs;
 mod hands;
 mod moving;

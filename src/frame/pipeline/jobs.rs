@@ -1,0 +1,69 @@
+//! What devices are told of each view, and what they tell of it.
+
+use super::{FrameReport, Renderer, ViewRequest};
+use crate::error::Result;
+use crate::frame::scheduler::{BegunView, DeviceShare};
+use crate::math::view::View;
+use crate::trace::{self, Job};
+
+/// The cache of light makes three steps for each view until it has made so many: light reaches what only many bounces
+/// light within half a second.
+const EARLY_STEPS: u64 = 96;
+
+impl Renderer {
+    /// What devices are told of a view.
+    pub(super) fn job(&mut self, index: usize, view: &View, seed: u32) -> Job {
+        let traced = &self.views[index];
+        // Averages of many pictures are meant to be exact.
+        let cached = self.settings.cached && !self.settings.jitter;
+        self.light += if self.light < EARLY_STEPS { self.light_steps.max(3) } else { self.light_steps };
+        self.light_steps = 1;
+        Job {
+            index,
+            view: *view,
+            settings: trace::Settings { seed, cached, rays: self.rays_of(index, view), ..self.settings },
+            light: self.light,
+            state: self.state.clone(),
+            sky: self.sky.clone(),
+            pattern: traced.pattern.clone(),
+            workload: traced.workload.clone(),
+            sample_target: traced.sample_target.clone(),
+            direct: true,
+        }
+    }
+
+    /// Waits until a view's results are where Vulkan reads them.
+    pub(super) fn end_trace(
+        &mut self,
+        index: usize,
+        begun: BegunView,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let done = self.scheduler.end(begun)?;
+        let slowest = done.slowest();
+        report.samples += self.views[index].pattern.samples.len();
+        report.rays += done.rays;
+        report.stages.trace += slowest.trace_ms;
+        report.stages.shade += slowest.shade_ms;
+        report.stages.light += slowest.light_ms;
+        report.stages.share += slowest.copy_ms;
+        report.devices.resize(done.devices.len(), DeviceShare::default());
+        report.devices.iter_mut().zip(&done.devices).for_each(|(sum, share)| sum.add(share));
+        Ok(())
+    }
+
+    /// A view as it is traced: its pose is new in each frame, its pixels are those of its pattern, and where within them it
+    /// looks may be elsewhere.
+    pub(super) fn view_of(&self, index: usize, request: &ViewRequest) -> View {
+        let view = &self.views[index].view;
+        let view = View { world_from_eye: request.view.world_from_eye, ..*view };
+        View { spacing: view.spacing.shifted(self.reconstruction.jitter(index, &view)), ..view }
+    }
+
+    /// Light rays of each of a view's samples: fewer where earlier frames have sent some for it.
+    fn rays_of(&self, index: usize, view: &View) -> u32 {
+        let rays = self.settings.rays;
+        let part = (f64::from(rays) * self.rays_with_history).ceil() as u32;
+        if self.reconstruction.remembers(index, view) { part.clamp(1, rays) } else { rays }
+    }
+}
