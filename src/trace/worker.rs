@@ -38,6 +38,8 @@ pub struct Job {
     /// A device that can may write them there itself: not when others' results are there already, since it
     /// also describes the tiles around its part.
     pub direct: bool,
+    /// Runs of a part are timed apart where that says more of costs than the whole: for devices that share views.
+    pub timed_apart: bool,
 }
 
 /// The memory that a view's results end up in, for Vulkan to read.
@@ -174,7 +176,7 @@ impl DeviceWorker {
             Some(_) => target.visibility.as_ref().and_then(Shared::opencl),
             None => own.visibility.as_ref().filter(|_| job.settings.guided),
         };
-        let parts = job.workload.slices(part, *slices);
+        let parts = job.workload.slices(part, if job.timed_apart { *slices } else { 1 });
         let mut steps = Vec::new();
         if job.settings.cached {
             // What a device has missed it makes up for, within bounds.

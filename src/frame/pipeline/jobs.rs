@@ -29,6 +29,7 @@ impl Renderer {
             workload: traced.workload.clone(),
             sample_target: traced.sample_target.clone(),
             direct: true,
+            timed_apart: self.scheduler.fleet().count() > 1,
         }
     }
 
