@@ -18,8 +18,9 @@
 //!   `settle_cells` takes it in; on each device alike
 //! - shade (`kernels/shade.cl`): `shade_samples` sends the light rays of each sample and writes its record;
 //!   with guided reconstruction and a sun, some of them ask whether a part of its disc is hidden, and how far by
-//! - share (`SampleTarget::take` in `src/trace/worker.rs`): nothing for the device that writes in place; what
-//!   others have done is copied into mapped Vulkan memory
+//! - share (`Shared::start_copy` in `src/gpu/interop/mod.rs`): nothing for the device that writes in place; what
+//!   others have done is copied into mapped Vulkan memory while they trace the next view (pixels of parts of a view by
+//!   the host, `SampleTarget::take` in `src/trace/worker.rs`)
 //! - observe (`Balancer::observe`): what the devices' times say of them, and of the places of the view
 //! - reuse (`accumulate_samples` in `kernels/accumulate.wgsl`, `src/reconstruct/history.rs`): guided: each
 //!   sample takes what the last frame has accumulated where its surface point was seen then, and what the

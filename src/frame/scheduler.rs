@@ -51,18 +51,25 @@ pub struct Scheduler {
     balancer: Balancer,
     /// Writes results in place: the fleet's first device.
     direct: Option<Device>,
+    losses: u64,
     comeback: Duration,
 }
 
 impl Scheduler {
     /// `direct` is the fleet's first device, where it writes results in place.
     pub fn new(fleet: Fleet, direct: Option<Device>) -> Self {
-        Scheduler { balancer: Balancer::new(fleet.count()), fleet, direct, comeback: COMEBACK }
+        Scheduler { balancer: Balancer::new(fleet.count()), fleet, direct, losses: 0, comeback: COMEBACK }
     }
 
     /// The device that writes results in place, as long as it does.
     pub fn direct(&self) -> Option<&Device> {
         self.direct.as_ref()
+    }
+
+    /// How often something that devices had begun with was given up. Who has it may still write to where its results were to
+    /// go.
+    pub fn losses(&self) -> u64 {
+        self.losses
     }
 
     /// The devices.
@@ -84,7 +91,7 @@ impl Scheduler {
     /// Has devices begin with views that follow each other; each is to be waited for by [`Scheduler::end`], in their order.
     /// Views that were begun before and not waited for are forgotten.
     pub fn begin(&mut self, jobs: Vec<Arc<Job>>) -> Vec<BegunView> {
-        self.fleet.forget();
+        self.losses += self.fleet.forget() as u64;
         self.fleet.refresh();
         self.know_present();
         let parts: Vec<_> = jobs.iter().map(|job| self.balancer.split(job.index, &job.workload)).collect();
@@ -113,6 +120,7 @@ impl Scheduler {
                 round = Some(self.fleet.trace(&job, parts));
                 continue;
             };
+            self.losses += ended.lost.len() as u64;
             done.extend(ended.done);
             lost.extend(ended.lost);
             let Some(part) = lost.pop() else { break };

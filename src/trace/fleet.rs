@@ -8,8 +8,9 @@
 //! for (`Fleet::begin`). Each device has a context and a copy of the scene of its own, although devices of one platform could
 //! share a context: nothing is shared between devices but what the host packs once and keeps for those that
 //! come back, and in a common context buffers may be kept for, moved to, or lost with each device in it, as
-//! the driver likes. The first device writes results in place where memory is shared; the others' are copied,
-//! samples as they are and visibility packed tile by tile (`kernels/gather.cl`).
+//! the driver likes. The first device writes results in place where memory is shared; the others' are copied while they trace on,
+//! samples straight to their places, visibility too where one device has traced all of it, else packed tile by tile
+//! (`kernels/gather.cl`).
 
 mod thread;
 
@@ -255,9 +256,9 @@ impl Fleet {
         first..self.rounds
     }
 
-    /// Forgets rounds that were begun and that nobody will wait for.
-    pub fn forget(&mut self) {
-        self.begun.clear();
+    /// Forgets rounds that were begun and that nobody will wait for; tells how many.
+    pub fn forget(&mut self) -> usize {
+        self.begun.drain(..).count()
     }
 
     /// Waits for a round's parts.

@@ -8,6 +8,7 @@ use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::interop::Shared;
 use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event, Transfer};
+use crate::gpu::vulkan::BufferRef;
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 
@@ -65,9 +66,8 @@ pub struct PartResult {
     pub rays: u64,
     /// Samples whose estimate was not finite.
     pub dropped: u32,
-    /// Samples to be copied to the sample target; none where they were written there.
-    pub samples: Vec<SampleRecord>,
-    /// What the pixels of the part's tiles see, 256 records a tile, to be copied to the sample target.
+    /// What the pixels of the part's tiles see, 256 records a tile, to be copied to the sample target; none where it is
+    /// there, as samples are.
     pub visibility: Vec<VisibilityRecord>,
 }
 
@@ -120,8 +120,16 @@ struct Begun {
     light: Vec<Event>,
     light_rays: Option<Transfer<Vec<u32>>>,
     /// Results on their way to the host, where they are not written in place.
-    samples: Option<Transfer<Vec<SampleRecord>>>,
-    visibility: Option<(Event, Transfer<Vec<VisibilityRecord>>)>,
+    samples: Option<Transfer<BufferRef>>,
+    visibility: Option<Visibility>,
+}
+
+/// What pixels see, on its way to the host.
+enum Visibility {
+    /// That of all of the view's pixels, to its place.
+    Whole(Transfer<BufferRef>),
+    /// That of a part's tiles, gathered: others' may have to go before it to where Vulkan reads it.
+    Packed(Event, Transfer<Vec<VisibilityRecord>>),
 }
 
 /// A view's pattern and results in the device's own memory.
@@ -200,11 +208,18 @@ impl DeviceWorker {
         };
         if in_place.is_none() {
             let (first, count) = (part.samples.start as usize, part.samples.len());
-            begun.samples = Some(samples.start_read(first, count)?);
-            if let Some(records) = visibility {
-                let tiles = part.tiles.clone();
-                begun.visibility = tracer.packed_visibility(&job.view, &own.uploaded, tiles, records)?;
-            }
+            begun.samples = Some(target.samples.start_copy(samples, first, count)?);
+            begun.visibility = match (visibility, &target.visibility) {
+                (Some(records), Some(shared)) if *part == job.workload.whole() => {
+                    Some(Visibility::Whole(shared.start_copy(records, 0, job.view.pixels())?))
+                }
+                (Some(records), _) => {
+                    let tiles = part.tiles.clone();
+                    let packed = tracer.packed_visibility(&job.view, &own.uploaded, tiles, records)?;
+                    packed.map(|(packing, records)| Visibility::Packed(packing, records))
+                }
+                (None, _) => None,
+            };
             tracer.device().flush()?;
         }
         Ok(begun)
@@ -284,12 +299,18 @@ impl Begun {
         if let Some(samples) = self.samples {
             samples.wait()?;
             done.copy_ms += samples.device_ms();
-            done.samples = samples.into_memory()?;
         }
-        if let Some((packing, records)) = self.visibility {
-            records.wait()?;
-            done.copy_ms += packing.device_ms() + records.device_ms();
-            done.visibility = records.into_memory()?;
+        match self.visibility {
+            Some(Visibility::Whole(records)) => {
+                records.wait()?;
+                done.copy_ms += records.device_ms();
+            }
+            Some(Visibility::Packed(packing, records)) => {
+                records.wait()?;
+                done.copy_ms += packing.device_ms() + records.device_ms();
+                done.visibility = records.into_memory()?;
+            }
+            None => {}
         }
         Ok(done)
     }
@@ -298,7 +319,6 @@ impl Begun {
 impl SampleTarget {
     /// Copies what a device has delivered to its place.
     pub fn take(&self, job: &Job, done: &PartResult) {
-        self.samples.write(done.part.samples.start as usize, &done.samples);
         let Some(visibility) = &self.visibility else { return };
         let (width, height) = (job.view.width, job.view.height);
         let across = width.div_ceil(TILE);

@@ -22,8 +22,8 @@ pub(super) struct TracedView {
     pub(super) pattern: Arc<Pattern>,
     pub(super) workload: Arc<Workload>,
     pub(super) sample_target: Arc<SampleTarget>,
-    /// How the results land there.
-    sharing: Sharing,
+    /// How the results land there, and what devices had left undone when it was made: see [`crate::frame::Scheduler::losses`].
+    sharing: (Sharing, u64),
 }
 
 impl TracedView {
@@ -58,7 +58,7 @@ impl Renderer {
     /// how long the former took.
     pub(super) fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
         let key = request.key(self.law, self.samples, self.slope());
-        if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.sharing()) {
+        if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.shared()) {
             return Ok(0.0);
         }
         let start = Instant::now();
@@ -75,6 +75,11 @@ impl Renderer {
         self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
         self.take_pattern(index, key, *view, pattern)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// What a sample target is good for.
+    fn shared(&self) -> (Sharing, u64) {
+        (self.sharing(), self.scheduler.losses())
     }
 
     /// How fast camera rays fall off: not where all pixels count alike, or pictures are averaged to be exact.
@@ -97,7 +102,7 @@ impl Renderer {
     /// Gives a view a new pattern, in the memory of the old one where that is large enough.
     fn take_pattern(&mut self, index: usize, key: PatternKey, view: View, pattern: Pattern) -> Result<()> {
         let count = pattern.samples.len();
-        let (workload, sharing) = (Workload::new(&pattern, self.settings.guided), self.sharing());
+        let (workload, sharing) = (Workload::new(&pattern, self.settings.guided), self.shared());
         let old = self.views.get(index).filter(|old| {
             old.sample_target.samples.len() >= count
                 && old.sample_target.visibility.as_ref().is_none_or(|v| v.len() >= view.pixels())

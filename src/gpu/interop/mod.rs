@@ -3,7 +3,8 @@
 //! Where a probe at start proves that both see the same bytes, nothing is copied: a mapped Vulkan allocation
 //! is given to OpenCL as its own (`CL_MEM_USE_HOST_PTR`) by devices that use the host's memory, and imported
 //! from an opaque file descriptor where both APIs list that for one and the same device. Elsewhere the
-//! results are read back into that allocation, which is affordable since only samples cross, never pictures.
+//! results are read back into that allocation, which is affordable since only samples cross, never pictures, and goes on
+//! while the next view is traced.
 //!
 //! Two records of `src/layout/records.rs` cross, and nothing else:
 //!
@@ -27,7 +28,7 @@
 use bytemuck::Pod;
 
 use super::handle::OPENCL_EXTENSION;
-use super::opencl::{Arg, Buffer, Device, Program};
+use super::opencl::{Arg, Buffer, Device, Program, Transfer};
 use super::vulkan::{BufferRef, Commands, Context, HostBuffer};
 use crate::error::Result;
 
@@ -145,6 +146,25 @@ impl<T: Pod> Shared<T> {
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> usize {
         self.len
+    }
+
+    /// Starts copying `count` elements of a device's own memory to the same places here, as the queue comes to it. Who
+    /// reads them waits for that before.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] with the driver's code.
+    ///
+    /// # Panics
+    /// If they do not fit.
+    pub fn start_copy(&self, from: &Buffer<T>, first: usize, count: usize) -> Result<Transfer<BufferRef>> {
+        let fits = first.checked_add(count).is_some_and(|end| end <= self.len);
+        assert!(fits, "{count} elements at {first} do not fit {}", self.len);
+        // SAFETY: the range lies in the mapping, which lives as long as any reference to the buffer; the host and Vulkan
+        // read it only when the transfer is done.
+        unsafe {
+            let to = self.host.as_ptr().cast::<T>().add(first);
+            from.start_read_to(first, count, to, self.vulkan())
+        }
     }
 
     /// Copies what a device without access has delivered to its place, from element `first` on.
