@@ -15,6 +15,7 @@ use crate::scene::Sun;
 pub const NEAREST_DEPTH: f32 = 0.05;
 
 /// What a frame's samples are made into.
+#[derive(Clone)]
 pub struct Frame<'a> {
     /// Where the eye is and what it sees; its size is the pattern's. Outputs show its picture: pixels that are not even
     /// are for guided reconstruction, and for views of at most [`super::Reconstruction::most_pixels`].

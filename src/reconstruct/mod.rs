@@ -27,6 +27,7 @@ mod resolve;
 mod samples;
 mod settings;
 mod shaders;
+mod staging;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -53,6 +54,7 @@ use parameters::{PackedSpacing, PixelParameters, rays};
 use reprojection::Reprojection;
 use resolve::{Means, Resolve};
 use samples::Prepare;
+use staging::Staging;
 use tables::{Finders, Tables};
 
 /// Reconstructs pictures on one device with one set of settings.
@@ -74,6 +76,9 @@ pub struct Reconstruction {
 
 struct ViewState {
     tables: Tables,
+    /// What was traced, where that lies in the host's memory.
+    samples: Staging,
+    visibility: Staging,
     commands: Commands,
     dropped: HostBuffer,
     warp: HostBuffer,
@@ -136,6 +141,8 @@ impl Reconstruction {
         if view == self.views.len() {
             self.views.push(ViewState {
                 tables: Tables::new(&self.context)?,
+                samples: Staging::default(),
+                visibility: Staging::default(),
                 commands: Commands::new(&self.context)?,
                 dropped: HostBuffer::new(&self.context, 4)?,
                 warp: HostBuffer::new(&self.context, size_of::<Reprojection>())?,
@@ -186,7 +193,13 @@ impl Reconstruction {
             .warp
             .write(0, &[Reprojection::new(frame.view, frame.shown_from).with(frame.view, frame.overlay)]);
         let warp = BufferRef::from(&state.warp);
-        let samples = tables.staged(&self.context, commands, &frame.samples, bytes)?;
+        let samples = state.samples.local(&self.context, commands, &frame.samples, bytes)?;
+        // Several passes read it, and each pixel its neighbours' too.
+        let visibility = frame.visibility.as_ref().map(|visibility| {
+            let bytes = visibility.size().min(frame.view.pixels() * size_of::<VisibilityRecord>());
+            state.visibility.local(&self.context, commands, visibility, bytes)
+        });
+        let frame = &Frame { visibility: visibility.transpose()?, ..frame.clone() };
         let dropped = BufferRef::from(&state.dropped);
         commands.fill_zero(&dropped);
         commands.barrier();

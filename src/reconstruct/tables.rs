@@ -109,7 +109,6 @@ pub(super) struct Tables {
     prepared: BufferRef,
     /// Room for as many samples more, once a pass has needed it.
     exchanged: Option<BufferRef>,
-    staging: Option<BufferRef>,
     commands: Commands,
 }
 
@@ -149,7 +148,6 @@ impl Tables {
             positions: empty.clone(),
             prepared: empty,
             exchanged: None,
-            staging: None,
             commands: Commands::new(context)?,
         })
     }
@@ -196,26 +194,6 @@ impl Tables {
 
     pub fn wait(&mut self) -> Result<Vec<StageTime>> {
         self.commands.wait()
-    }
-
-    /// The samples where the device reads them fast: copied, if they are not there already.
-    pub fn staged(
-        &mut self,
-        context: &Context,
-        commands: &mut Commands,
-        samples: &BufferRef,
-        bytes: usize,
-    ) -> Result<BufferRef> {
-        if samples.is_device_local() {
-            return Ok(samples.clone());
-        }
-        let staging = match self.staging.take() {
-            Some(staging) if staging.size() >= bytes => staging,
-            _ => device(context, bytes)?,
-        };
-        commands.copy(samples, &staging, bytes);
-        self.staging = Some(staging.clone());
-        Ok(staging)
     }
 
     /// Starts finding the neighbours of a new pattern.

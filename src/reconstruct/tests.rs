@@ -43,6 +43,8 @@ struct Bench {
     reconstruction: Reconstruction,
     view: View,
     samples: Vec<u32>,
+    /// What was traced lies where the device does not read it fast.
+    far: bool,
 }
 
 impl Bench {
@@ -50,7 +52,7 @@ impl Bench {
         let settings = Settings { mode, ..Settings::default() };
         let mut reconstruction = Reconstruction::new(context, settings).unwrap();
         reconstruction.set_pattern(0, width, height, &samples).unwrap();
-        Bench { reconstruction, view: view(width, height), samples }
+        Bench { reconstruction, view: view(width, height), samples, far: false }
     }
 
     /// The picture as radiance, from functions of the pixel.
@@ -76,9 +78,10 @@ impl Bench {
         let View { width, height, .. } = self.view;
         let records: Vec<_> = self.samples.iter().map(|s| record(s & 0xffff, s >> 16)).collect();
         let pixels: Vec<_> = (0..width * height).map(|p| visible(p % width, p / width)).collect();
-        let samples = HostBuffer::new(&context, size_of_val(&records[..])).unwrap();
+        let memory = if self.far { HostBuffer::far } else { HostBuffer::new };
+        let samples = memory(&context, size_of_val(&records[..])).unwrap();
         samples.write(0, &records);
-        let visibility = HostBuffer::new(&context, size_of_val(&pixels[..])).unwrap();
+        let visibility = memory(&context, size_of_val(&pixels[..])).unwrap();
         visibility.write(0, &pixels);
         let frame = Frame {
             view: &self.view,
@@ -100,6 +103,37 @@ impl Bench {
         let stages: Vec<_> = self.reconstruction.wait(0).unwrap().iter().map(|time| time.stage).collect();
         assert!(stages.starts_with(&["filter"]), "{stages:?}");
     }
+}
+
+/// What lies in memory that the device reads slowly is copied to its own first, and the pictures are the same.
+#[test]
+fn pictures_do_not_depend_on_whose_memory_holds_what_was_traced() {
+    let Some(context) = testing::context() else { return };
+    for mode in [Mode::default(), Mode::KNearest] {
+        let mut bench = Bench::new(&context, mode, (40, 30), scattered(200, 40, 30));
+        let facing = normal(&bench.view, TOWARD);
+        let mut render = |far, shift: u32| {
+            bench.far = far;
+            bench.render(
+                |x, y| SampleRecord {
+                    normal: facing,
+                    depth: 3.0,
+                    ..radiance([x as f32 + 1.0, y as f32 + 1.0, 2.0])
+                },
+                |x, y| seen(facing, 3.0, [((x + shift) % 7) as f32 / 7.0, (y % 5) as f32 / 5.0, 0.5], 0.0),
+            )
+        };
+        // The second pair is copied to where the first one was.
+        for shift in [0, 3] {
+            let (near, far) = (render(false, shift), render(true, shift));
+            assert!(near.iter().any(|pixel| pixel[0] > 0.0));
+            assert_eq!(near, far, "{mode:?}");
+        }
+        if mode == Mode::default() {
+            assert_ne!(render(true, 0), render(true, 3));
+        }
+    }
+    testing::assert_valid(&context);
 }
 
 fn assert_close(found: [f32; 4], expected: [f32; 3], tolerance: f32, place: impl std::fmt::Debug) {

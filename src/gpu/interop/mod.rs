@@ -117,14 +117,14 @@ impl<T: Pod> Shared<T> {
             Some((device, Way::HostMemory)) => {
                 let host = HostBuffer::new(context, size)?;
                 // SAFETY: the mapping is at least that long and lives as long as `host`, which is dropped after
-                // the buffer; the host reads it only after the device has finished.
+                // the buffer; the host reads it only after the device is done with it.
                 let opencl = unsafe { Buffer::from_host_memory(device, host.as_ptr().cast(), len) }?;
                 (host, Some(opencl))
             }
             Some((device, Way::Handle)) => {
                 let (host, handle) = HostBuffer::exported(context, size)?;
                 // SAFETY: the memory is at least that long; Vulkan and the host read it only after the device
-                // has released it and finished.
+                // is done with it and has released it.
                 let opencl = unsafe { Buffer::from_handle(device, handle, len) }?;
                 (host, Some(opencl))
             }

@@ -106,7 +106,8 @@ impl<T: Pod> Buffer<T> {
         self.handover.map_or(Ok(()), |handover| handover.acquire(&self.device, self.memory()))
     }
 
-    /// Hands memory of another API back, after those kernels were launched; it has it when the queue has finished.
+    /// Hands memory of another API back, after those kernels were launched; it has it when the queue
+    /// has come past that.
     ///
     /// # Errors
     /// [`crate::Error::Device`] with the driver's code.

@@ -197,7 +197,8 @@ impl Device {
         let context = Context::from_devices(&[info.device.id()], &properties, None, std::ptr::null_mut())
             .map_err(|e| refused("a context", e))?;
         let context = Owned::new(context);
-        // OpenCL 1.2's call, since the newer one does not exist on 1.2 drivers.
+        // OpenCL 1.2's call, since the newer one does not exist on 1.2 drivers. Kernels are timed whoever wants to know:
+        // reports tell each stage's time, and devices that share views are balanced by theirs.
         // SAFETY: the context was made for this device.
         let queue = unsafe { CommandQueue::create(&context, info.device.id(), CL_QUEUE_PROFILING_ENABLE) }
             .map_err(|e| refused("a queue", e))?;

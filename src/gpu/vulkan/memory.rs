@@ -181,7 +181,7 @@ fn allocate_for(
 /// Memory that host and device both reach, mapped for its whole life: coherent, no flush needed.
 ///
 /// Clones are the same memory. Who writes it orders that against its readers: the device's by
-/// waiting for its commands, OpenCL's by finishing its queue.
+/// waiting for its commands, OpenCL's by waiting for what its queue does.
 #[derive(Clone)]
 pub struct HostBuffer(pub(super) Arc<Allocation>);
 
@@ -225,6 +225,14 @@ impl HostBuffer {
         // SAFETY: the mapping holds the buffer's bytes, and no one else has it yet.
         unsafe { buffer.as_ptr().write_bytes(0, buffer.len()) };
         Ok((buffer, handle))
+    }
+
+    /// The same, taken for memory that is not the device's own, whatever it is.
+    #[cfg(test)]
+    pub fn far(context: &Context, size: usize) -> Result<Self> {
+        let HostBuffer(mut allocation) = Self::new(context, size)?;
+        Arc::get_mut(&mut allocation).expect("nobody else has it yet").local = false;
+        Ok(HostBuffer(allocation))
     }
 
     /// Bytes: at least those asked for.
