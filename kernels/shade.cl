@@ -208,12 +208,10 @@ static float3 light_of_surface(const Scene *scene, const Shading *shading, const
     float reflected = reflected_density(&sample->surface, m, sample->view, d) * looking_share(shading);
     float3 light = emission_met(scene, shading, &sample->surface, w->origin, d, place, t, reflected, m->emitters);
     uint chance = hash(sample->index * 32u + i + seed);
-    if (shading->bounces > 0u) {
-        light += follow_path(scene, shading, w->origin, d, place, t, shading->bounces, chance, rays);
-    } else if (shading->cached) {
+    if (shading->bounces > 0u || shading->cached) {
         bool is_smooth = sample->smooth >> i & 1u;
         float3 found = light_of_hit(scene, shading, cache, w->origin, d, place, t, is_smooth, chance, rays);
-        light += is_smooth ? found : without_spot(cache, found);
+        light += is_smooth || shading->bounces > 0u ? found : without_spot(cache, found);
     }
     return light * sample->indirect[i];
 }
@@ -283,7 +281,7 @@ static void find_sun(const Scene *scene, const Shading *shading, const Sample *s
             seen[k] = 0u;
             for (uint left = samples[k].lit ? states[k].mask : 0u; left; left &= left - 1u) {
                 uint i = lowest_bit(left);
-                float light = dimmed_light(scene, states[k].origin, direction_of(&states[k], i), INFINITY, states[k].seed);
+                float light = light_along(scene, shading, states[k].origin, direction_of(&states[k], i), INFINITY, states[k].seed);
                 seen[k] |= (light > 0.0f ? 1u : 0u) << i;
             }
         }
@@ -387,10 +385,7 @@ static uint add_glass_light(const Scene *scene, const Shading *shading, const Ca
             light = background(scene, shading, on.d);
         } else {
             light = surface_at(scene, place, on.origin, 0.0f, on.d, 0.05f * t).emission;
-            if (shading->bounces == 0u && shading->cached)
-                light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, 1u, chance, &rays);
-            else
-                light += follow_path(scene, shading, on.origin, on.d, place, t, max(shading->bounces, 1u), chance, &rays);
+            light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, true, chance, &rays);
         }
         sum += on.throughput * light;
     }

@@ -20,7 +20,7 @@ static float share_of_sun(const Scene *scene, const Shading *shading, const Surf
 }
 #endif
 
-static VisibilityRecord describe_surface(const Scene *scene, const Camera *camera, const Shading *shading, uint x, uint y,
+INLINED static VisibilityRecord describe_surface(const Scene *scene, const Camera *camera, const Shading *shading, uint x, uint y,
                                          HitRecord hit, uint *rays)
 {
     float3 d = camera_ray(camera, x, y), base;

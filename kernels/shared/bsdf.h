@@ -181,7 +181,7 @@ static float3 sample_ggx(const Surface *s, float3 view, float2 u)
     return normal * (2.0f * dot3(view, normal)) - view;
 }
 
-static float3 sample_specular(const Surface *s, float3 view, float2 u)
+INLINED static float3 sample_specular(const Surface *s, float3 view, float2 u)
 {
 #if HAS_LAYERS
     if (s->layered)

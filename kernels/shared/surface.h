@@ -208,7 +208,10 @@ typedef struct {
 
 static float4 lookup(const Scene *scene, __global const TextureUse *use, const Coordinates *at)
 {
-    return sample_texture(scene, use, at->uv[use->uv_slot], at->footprint[use->uv_slot]);
+    // Chosen, since what is indexed lies in memory.
+    bool second = use->uv_slot != 0u;
+    return sample_texture(scene->textures, scene->texels, scene->srgb, use, second ? at->uv[1] : at->uv[0],
+                          second ? at->footprint[1] : at->footprint[0]);
 }
 #endif
 
@@ -233,7 +236,7 @@ static float hit_alpha(const Scene *scene, uint place, uint packed, float3 w)
 #if HAS_TEXTURES
     if (material->textures[0].texture != NONE) {
         __global const float2 *uv = material->textures[0].uv_slot ? scene->uv1 : scene->uv0;
-        alpha *= sample_texture(scene, &material->textures[0], mix_uv(uv, index, w), 0.0f).w;
+        alpha *= sample_texture(scene->textures, scene->texels, scene->srgb, &material->textures[0], mix_uv(uv, index, w), 0.0f).w;
     }
 #endif
 #if HAS_VERTEX_COLORS
@@ -440,7 +443,7 @@ static void add_layers(const Scene *scene, const Spot *spot, float3 d, float3 n,
 #endif
 
 // The surface where ray d from `origin` meets triangle `place`; `width` is the ray cone's width there.
-CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
+CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
 {
     Surface s;
     Facet f = facet_of(scene, place, origin, low);
