@@ -193,4 +193,7 @@ static bool aim_at_emitter(const Scene *scene, const Shading *shading, const Sur
     aim->distance = distance * 0.9999f;
     return true;
 }
+#else
+// None is ever chosen.
+typedef struct Descent Descent;
 #endif

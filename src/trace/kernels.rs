@@ -130,6 +130,47 @@ kernels! {
         hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>, records: &Buffer<SampleRecord>,
         info: &CacheInfo, keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
     );
+    /// Looks at what samples see.
+    BeginSamples = begin_samples(
+        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, states: &Buffer<u32>,
+    );
+    /// Finds where a part of the sun is hidden from samples.
+    TraceSunRays = trace_sun_rays(
+        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Chooses the light rays of samples.
+    GenerateLightRays = generate_light_rays(
+        scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
+        light_rays: &Buffer<u32>, queue: &Buffer<u32>,
+    );
+    /// Traces them.
+    IntersectLightRays = intersect_light_rays(
+        scene: SceneOf, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>, queue: &Buffer<u32>,
+    );
+    /// Looks at the surfaces that they have met.
+    ShadeLightHits = shade_light_hits(
+        scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
+        light_rays: &Buffer<u32>, queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
+        cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
+    );
+    /// Adds up what they bring.
+    ResolveLight = resolve_light(
+        scene: SceneOf, asked: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        counters: &Buffer<u32>,
+    );
+    /// Follows light through the glass of samples.
+    ShadeGlass = shade_glass(
+        scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, info: &CacheInfo,
+        keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
+    );
+    /// Writes the records of samples.
+    EndSamples = end_samples(
+        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, records: &Buffer<SampleRecord>,
+        counters: &Buffer<u32>,
+    );
     /// Gathers the records of tiles.
     PackVisibility = pack_visibility(
         camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, records: &Buffer<VisibilityRecord>,

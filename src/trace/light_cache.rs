@@ -41,6 +41,9 @@ const LIFETIME: u32 = 512;
 /// Work-items that forget and settle cells.
 const SETTLERS: usize = 64;
 
+/// What a kernel is given that looks the cache up: it as a whole, keys and cells.
+pub(super) type LookedUp<'a> = (&'a CacheInfo, Option<&'a Buffer<u32>>, Option<&'a Buffer<CacheCell>>);
+
 /// A device's cache and its kernels.
 #[derive(Debug)]
 pub(super) struct LightCache {
@@ -97,7 +100,7 @@ impl LightCache {
     }
 
     /// What a kernel is given that looks the cache up: it as a whole, keys and cells.
-    pub fn looked_up(&self) -> (&CacheInfo, Option<&Buffer<u32>>, Option<&Buffer<CacheCell>>) {
+    pub fn looked_up(&self) -> LookedUp<'_> {
         let memory = self.memory.as_ref();
         (&self.info, memory.map(|m| &m.keys), memory.map(|m| &m.cells))
     }

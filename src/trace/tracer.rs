@@ -4,6 +4,7 @@ mod camera;
 mod launch;
 mod pattern;
 mod programs;
+mod shading;
 
 use std::sync::Arc;
 
@@ -17,8 +18,7 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::kernels::{
-    DescribePixels, Grid, PackVisibility, SettleBlends, ShadeSamples, ShareBlends, ShareEdges, TracePixels,
-    TraceSamples,
+    DescribePixels, Grid, PackVisibility, SettleBlends, ShareBlends, ShareEdges, TracePixels, TraceSamples,
 };
 use super::light_cache::LightCache;
 use super::scene_buffers::DeformKernels;
@@ -29,6 +29,7 @@ use pattern::ROWS_PER_TILE;
 pub use pattern::TracePattern;
 pub(super) use programs::Programs;
 pub use programs::try_kernels;
+pub(super) use shading::{SampleShading, Work};
 
 /// How samples are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,7 +83,7 @@ pub struct Tracer {
     share_edges: ShareEdges,
     settle_blends: SettleBlends,
     share_blends: ShareBlends,
-    shade_samples: ShadeSamples,
+    sample_shading: SampleShading,
     pack_visibility: PackVisibility,
     light: LightCache,
     counters: Buffer<u32>,
@@ -90,6 +91,8 @@ pub struct Tracer {
     hits: Buffer<HitRecord>,
     /// Whether surfaces may cover pixels in part.
     may_blend: bool,
+    /// Whether they may be glass.
+    may_be_glass: bool,
     /// Up to three alphas of each pixel's surfaces and which of them it shows, where it may.
     blends: Buffer<u32>,
 }
@@ -98,7 +101,7 @@ pub struct Tracer {
 #[derive(Debug)]
 pub struct InFlight {
     /// Each part's camera rays and visibility, and its shading.
-    parts: Vec<(Vec<Event>, Event)>,
+    parts: Vec<(Vec<Event>, Vec<Event>)>,
     camera_rays: u64,
 }
 
@@ -164,11 +167,12 @@ impl Tracer {
             share_edges: ShareEdges::of(program)?,
             settle_blends: SettleBlends::of(program)?,
             share_blends: ShareBlends::of(program)?,
-            shade_samples: ShadeSamples::of(bundles)?,
+            sample_shading: SampleShading::of(bundles, programs.traversals.bundles)?,
             pack_visibility: PackVisibility::of(program)?,
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
             may_blend: data.features.alpha,
+            may_be_glass: data.features.glass,
             blends: Buffer::new(device, 1)?,
             device: device.clone(),
         })
@@ -331,9 +335,8 @@ impl Tracer {
         self.device.finish()?;
         let mut counters = [0; 2];
         self.counters.read(&mut counters)?;
-        let times = |(trace, shade): &(Vec<Event>, Event)| {
-            [trace.iter().map(Event::device_ms).sum(), shade.device_ms()]
-        };
+        let of_events = |events: &[Event]| events.iter().map(Event::device_ms).sum();
+        let times = |(trace, shade): &(Vec<Event>, Vec<Event>)| [of_events(trace), of_events(shade)];
         let parts_ms: Vec<[f64; 2]> = work.parts.iter().map(times).collect();
         Ok(Traced {
             rays: work.camera_rays + u64::from(counters[0]),

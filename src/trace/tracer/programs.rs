@@ -1,5 +1,6 @@
 //! The built kernels of the variants that a device uses.
 
+use super::SampleShading;
 use crate::error::Result;
 use crate::gpu::opencl::{Device, Kernel, Program};
 use crate::isolated;
@@ -45,7 +46,10 @@ impl Programs {
         for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"] {
             kernels.push(self.pixels.kernel(name)?);
         }
-        kernels.push(self.bundles.as_ref().unwrap_or(&self.pixels).kernel("shade_samples")?);
+        let bundles = self.bundles.as_ref().unwrap_or(&self.pixels);
+        for name in SampleShading::kernels(self.traversals.bundles) {
+            kernels.push(bundles.kernel(name)?);
+        }
         Ok(kernels.iter().map(Kernel::private_bytes).max().unwrap_or(0))
     }
 }
