@@ -8,8 +8,9 @@
 //     intersect_light_rays, which queues those whose light a surface sends
 //     shade_light_hits     looks at these surfaces
 //     resolve_light        adds up what the rays bring
+//   shade_punctual       light of punctual lights
 //   shade_glass          light that comes through a sample's glass
-//   end_samples          light of punctual lights, and the records
+//   end_samples          the records
 #if SINGLE_RAYS
 
 // A sample in memory.
@@ -274,28 +275,38 @@ __kernel void shade_glass(SCENE_PARAMETERS, Camera camera, Shading asked, uint c
 #endif
 }
 
-// counters[0] sums rays to punctual lights, counters[1] samples whose estimate was not finite.
-__kernel void end_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+// counters[0] sums the rays.
+__kernel void shade_punctual(SCENE_PARAMETERS, Shading shading, uint count, __global uint *states, __global uint *counters)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0);
+    if (k >= count || !state_at(states, k)->sample.lit)
+        return;
+    Sample s = state_at(states, k)->sample;
+    Reflection sum = state_at(states, k)->light.sum;
+    uint rays = add_punctual(&scene, &shading, &s.surface, s.f0, s.view, s.chance, &sum);
+    if (!rays)
+        return;
+    state_at(states, k)->light.sum = sum;
+    atomic_add(&counters[0], rays);
+}
+
+// counters[1] sums samples whose estimate was not finite.
+__kernel void end_samples(Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
                           __global const VisibilityRecord *visibility, __global uint *states, __global SampleRecord *records,
                           __global uint *counters)
 {
-    Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0), reflected = 0u, rays = 0u;
+    uint k = (uint)get_global_id(0), reflected = 0u;
     if (k >= count)
         return;
     Shading shading = without_sun_rays(asked);
     ShadedSample state = *state_at(states, k);
-    const Sample *s = &state.sample;
-    if (s->lit)
-        rays = add_punctual(&scene, &shading, &s->surface, s->f0, s->view, s->chance, &state.light.sum);
 #if HAS_GLOSSY
     uint at = samples[first + k];
     if (shading.guided)
         reflected = visibility[(at >> 16) * camera.width + (at & 0xffffu)].reflected;
 #endif
-    if (!end_sample(&shading, s, &state.light, reflected, &records[first + k]))
+    if (!end_sample(&shading, &state.sample, &state.light, reflected, &records[first + k]))
         atomic_inc(&counters[1]);
-    if (rays)
-        atomic_add(&counters[0], rays);
 }
 #endif

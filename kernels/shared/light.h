@@ -34,7 +34,7 @@ INLINED static Mixture mixture_at(const Scene *scene, const Surface *s, const Sh
 }
 
 // Density of the directions that follow the surface's reflection.
-static float reflected_density(const Surface *s, const Mixture *m, float3 view, float3 light)
+INLINED static float reflected_density(const Surface *s, const Mixture *m, float3 view, float3 light)
 {
     return m->specular * specular_density(s, view, light) + m->diffuse * diffuse_density(s, light);
 }
@@ -50,7 +50,7 @@ typedef struct {
 
 // Density of the directions in which distant light is looked for; `reflected` is that of those that follow the
 // reflection.
-static float mixture_density(const Scene *scene, const Shading *shading, const Mixture *m, float reflected, const Chosen *chosen)
+INLINED static float mixture_density(const Scene *scene, const Shading *shading, const Mixture *m, float reflected, const Chosen *chosen)
 {
     float density = reflected;
     float3 light = chosen->light;
@@ -86,7 +86,7 @@ INLINED static Chosen sample_mixture(const Scene *scene, const Shading *shading,
 }
 
 // Environment light from direction d: the map dimmed by baked occlusion, the sun not.
-static float3 distant_light(const Scene *scene, const Shading *shading, float3 d, float occlusion, bool sunlit)
+INLINED static float3 distant_light(const Scene *scene, const Shading *shading, float3 d, float occlusion, bool sunlit)
 {
     float3 radiance = environment_radiance(scene, shading, d) * occlusion;
 #if HAS_SUN
@@ -96,7 +96,7 @@ static float3 distant_light(const Scene *scene, const Shading *shading, float3 d
     return radiance;
 }
 
-static uint add_punctual(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, uint seed,
+INLINED static uint add_punctual(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, uint seed,
                          Reflection *sum)
 {
     uint rays = 0;

@@ -73,7 +73,7 @@ static bool is_looking(const Shading *shading, uint sample, uint ray, uint seed)
 }
 
 // Weighs a light ray, whose light counts by 1 / (density * rays).
-static void weigh_ray(const Shading *shading, const Sample *sample, float density, LightRay *ray)
+INLINED static void weigh_ray(const Shading *shading, const Sample *sample, float density, LightRay *ray)
 {
     Reflection r = reflection(&sample->surface, sample->f0, sample->view, ray->d);
     float scale = 1.0f / (density * (float)shading->rays);
@@ -84,7 +84,7 @@ static void weigh_ray(const Shading *shading, const Sample *sample, float densit
 
 #if HAS_EMITTERS
 // Aims a light ray at an emitter; false where no light would come.
-static bool aim_ray(const Scene *scene, const Shading *shading, const Sample *sample, Descent *descent, float choice, uint2 u, LightRay *ray)
+INLINED static bool aim_ray(const Scene *scene, const Shading *shading, const Sample *sample, Descent *descent, float choice, uint2 u, LightRay *ray)
 {
     const Surface *s = &sample->surface;
     Aim aim;
@@ -121,7 +121,7 @@ static bool finds_surfaces(const Shading *shading)
 #define SMOOTH_ALPHA 0.1f
 
 // Sets a sample's light ray of that number; false where it would bring nothing. `descent`: of the sample's rays before it, or none.
-static bool aim_light_ray(const Scene *scene, const Shading *shading, const Sample *sample, uint number, uint seed, Descent *descent, LightRay *ray)
+INLINED static bool aim_light_ray(const Scene *scene, const Shading *shading, const Sample *sample, uint number, uint seed, Descent *descent, LightRay *ray)
 {
     const Surface *s = &sample->surface;
     const Mixture *m = &sample->mixture;
@@ -314,9 +314,10 @@ INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, 
 
 #if HAS_NORMAL_MAPS
 // Takes the mapped normal's shares out of a sample's diffuse light, and packs where light comes from: see SampleRecord.
-static void divide_direction_out(const Sample *sample, SampleLight *light, uint packed[3])
+INLINED static void divide_direction_out(const Sample *sample, SampleLight *light, uint packed[3])
 {
     float shares[3], squares[3] = {light->toward_squares.x, light->toward_squares.y, light->toward_squares.z};
+#pragma unroll
     for (uint i = 0; i < 3u; ++i) {
         float4 sum = light->toward[i];
         float3 toward = sum.w > 0.0f ? mean_direction(sum, squares[i]) : (float3)(0.0f);
@@ -333,7 +334,7 @@ static void divide_direction_out(const Sample *sample, SampleLight *light, uint 
 
 // How much a sample's light is off by chance, as SampleRecord has it: by the variance of what its rays bring, of diffuse or
 // specular light, whichever is more and matters.
-static uint noise_code(const Shading *shading, const Sample *sample, const SampleLight *light)
+INLINED static uint noise_code(const Shading *shading, const Sample *sample, const SampleLight *light)
 {
     float n = (float)shading->rays;
     if (!sample->lit)
@@ -358,7 +359,7 @@ static uint noise_code(const Shading *shading, const Sample *sample, const Sampl
 }
 
 // What becomes of a sample; false where its estimate is not finite, which is marked by a depth of -1.
-static bool end_sample(const Shading *shading, const Sample *sample, SampleLight *light, uint reflected, __global SampleRecord *record)
+INLINED static bool end_sample(const Shading *shading, const Sample *sample, SampleLight *light, uint reflected, __global SampleRecord *record)
 {
     float3 first = sample->radiance, second = 0.0f;
     float depth = sample->depth;

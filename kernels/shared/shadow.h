@@ -54,7 +54,7 @@ INLINED static float light_through(const Scene *scene, const Shading *shading, f
 #endif
 
 // The share of light that comes along a ray from before t_max.
-static float light_along(const Scene *scene, const Shading *shading, float3 origin, float3 d, float t_max, uint seed)
+INLINED static float light_along(const Scene *scene, const Shading *shading, float3 origin, float3 d, float t_max, uint seed)
 {
     uint place;
     return light_through(scene, shading, origin, d, &t_max, &place, ANY, seed);

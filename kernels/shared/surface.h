@@ -442,6 +442,23 @@ static void add_layers(const Scene *scene, const Spot *spot, float3 d, float3 n,
 }
 #endif
 
+// Where rays leave a facet, seen along d at a spot with weights w: all that the surface's look has no part in.
+static void place_surface(const Facet *f, float3 w, float3 d, Surface *s)
+{
+    s->position = f->corners[0] * w.x + f->corners[1] * w.y + f->corners[2] * w.z;
+    s->offset = f->offset;
+    bool behind = dot3(f->geometric, d) > 0.0f;
+    s->geometric = behind ? -f->geometric : f->geometric;
+    Bend bend = bend_of(f);
+    s->rise = 0.0f;
+    s->horizon = s->geometric;
+    if (bend.bent & (behind ? 2u : 1u)) {
+        float3 smooth = unit_or(f->normals[0] * w.x + f->normals[1] * w.y + f->normals[2] * w.z, f->geometric);
+        s->rise = rise_over(f, &bend, w, behind ? -1.0f : 1.0f);
+        s->horizon = smooth * (behind ? -1.0f : 1.0f);
+    }
+}
+
 // The surface where ray d from `origin` meets triangle `place`; `width` is the ray cone's width there.
 CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
 {
@@ -449,8 +466,7 @@ CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 
     Facet f = facet_of(scene, place, origin, low);
     Spot spot = spot_on(scene, &f, d, width);
     __global const Material *material = f.material;
-    s.position = f.corners[0] * spot.weights.x + f.corners[1] * spot.weights.y + f.corners[2] * spot.weights.z;
-    s.offset = f.offset;
+    place_surface(&f, spot.weights, d, &s);
     float3 n = smooth_normal(&spot);
     s.base = base_at(scene, &spot);
     s.emission = emission_at(scene, &spot);
@@ -482,15 +498,6 @@ CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 
     if (s.unlit) {
         s.emission = s.base;
         s.base = 0.0f;
-    }
-    bool behind = dot3(f.geometric, d) > 0.0f;
-    s.geometric = behind ? -f.geometric : f.geometric;
-    Bend bend = bend_of(&f);
-    s.rise = 0.0f;
-    s.horizon = s.geometric;
-    if (bend.bent & (behind ? 2u : 1u)) {
-        s.rise = rise_over(&f, &bend, spot.weights, behind ? -1.0f : 1.0f);
-        s.horizon = smooth_normal(&spot) * (behind ? -1.0f : 1.0f);
     }
     s.smooth = face_viewer(smooth_normal(&spot), d, f.geometric);
     s.normal = face_viewer(n, d, f.geometric);

@@ -114,6 +114,16 @@ kernels! {
         camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, layers: &Buffer<u32>,
         records: &Buffer<VisibilityRecord>,
     );
+    /// Finds how much of the sun's light comes to pixels, on GPUs.
+    TraceSun = trace_sun(
+        scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+    );
+    /// Looks at what pixels mirror, on GPUs.
+    ShadeMirrors = shade_mirrors(
+        scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+    );
     /// Describes what pixels see.
     DescribePixels = describe_pixels(
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
@@ -165,9 +175,13 @@ kernels! {
         scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, info: &CacheInfo,
         keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
     );
+    /// Adds light of punctual lights.
+    ShadePunctual = shade_punctual(
+        scene: SceneOf, shading: &Shading, count: u32, states: &Buffer<u32>, counters: &Buffer<u32>,
+    );
     /// Writes the records of samples.
     EndSamples = end_samples(
-        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
         visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, records: &Buffer<SampleRecord>,
         counters: &Buffer<u32>,
     );

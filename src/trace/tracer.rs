@@ -18,7 +18,8 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::kernels::{
-    DescribePixels, Grid, PackVisibility, SettleBlends, ShareBlends, ShareEdges, TracePixels, TraceSamples,
+    DescribePixels, Grid, PackVisibility, SettleBlends, ShadeMirrors, ShareBlends, ShareEdges, TracePixels,
+    TraceSamples, TraceSun,
 };
 use super::light_cache::LightCache;
 use super::scene_buffers::DeformKernels;
@@ -80,6 +81,9 @@ pub struct Tracer {
     trace_pixels: TracePixels,
     trace_samples: TraceSamples,
     describe_pixels: DescribePixels,
+    /// Beside it on GPUs, where the scene requires them.
+    trace_sun: Option<TraceSun>,
+    shade_mirrors: Option<ShadeMirrors>,
     share_edges: ShareEdges,
     settle_blends: SettleBlends,
     share_blends: ShareBlends,
@@ -151,6 +155,7 @@ impl Tracer {
     pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
         let program = &programs.pixels;
         data.check_fit_with_stacks(device, programs.traversals, programs.largest_stack()?)?;
+        let on_gpus = |required: bool| required && programs.traversals.pixels == Traversal::SingleRay;
         let bundles = programs.bundles.as_ref().unwrap_or(program);
         let scene = SceneBuffers::upload(device, data, programs.traversals)?;
         Ok(Tracer {
@@ -164,6 +169,10 @@ impl Tracer {
             trace_pixels: TracePixels::of(program)?,
             trace_samples: TraceSamples::of(program)?,
             describe_pixels: DescribePixels::of(program)?,
+            trace_sun: on_gpus(programs.features.sun).then(|| TraceSun::of(program)).transpose()?,
+            shade_mirrors: on_gpus(programs.features.glossy)
+                .then(|| ShadeMirrors::of(program))
+                .transpose()?,
             share_edges: ShareEdges::of(program)?,
             settle_blends: SettleBlends::of(program)?,
             share_blends: ShareBlends::of(program)?,
@@ -172,7 +181,7 @@ impl Tracer {
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
             may_blend: data.features.alpha,
-            may_be_glass: data.features.glass,
+            may_be_glass: programs.features.glass,
             blends: Buffer::new(device, 1)?,
             device: device.clone(),
         })

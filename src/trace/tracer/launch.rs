@@ -77,10 +77,21 @@ impl Tracer {
             events.push(self.settle_blends.launch(grid, scene, camera, list, first, count, hits, layers)?);
         }
         let counters = &self.counters;
-        events.push(
-            self.describe_pixels
-                .launch(grid, scene, camera, shading, list, first, count, hits, records, counters)?,
-        );
+        macro_rules! launch {
+            ($kernel:expr) => {
+                events.push(
+                    $kernel
+                        .launch(grid, scene, camera, shading, list, first, count, hits, records, counters)?,
+                )
+            };
+        }
+        if let Some(trace_sun) = &self.trace_sun {
+            launch!(trace_sun);
+        }
+        launch!(self.describe_pixels);
+        if let Some(shade_mirrors) = &self.shade_mirrors {
+            launch!(shade_mirrors);
+        }
         Ok(events)
     }
 

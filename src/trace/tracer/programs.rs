@@ -5,11 +5,13 @@ use crate::error::Result;
 use crate::gpu::opencl::{Device, Kernel, Program};
 use crate::isolated;
 use crate::scene::Features;
-use crate::trace::{Traversals, self_test, source};
+use crate::trace::{Traversal, Traversals, self_test, source};
 
 /// Built kernels of the variants that a device uses.
 pub(in crate::trace) struct Programs {
     pub(super) traversals: Traversals,
+    /// What they can do, which may be more than a scene requires.
+    pub(super) features: Features,
     pub(super) pixels: Program,
     /// Exists where it is another variant.
     pub(super) bundles: Option<Program>,
@@ -37,13 +39,18 @@ impl Programs {
         let build = |traversal| Program::build(device, "foveate", text, &options(traversal));
         let bundles =
             (traversals.bundles != traversals.pixels).then(|| build(traversals.bundles)).transpose()?;
-        Ok(Programs { traversals, pixels: build(traversals.pixels)?, bundles })
+        Ok(Programs { traversals, features: *features, pixels: build(traversals.pixels)?, bundles })
     }
 
     /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
     pub(super) fn largest_stack(&self) -> Result<u64> {
         let mut kernels = Vec::new();
-        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"] {
+        let for_gpus: &[&str] = match self.traversals.pixels {
+            Traversal::Packet => &[],
+            Traversal::SingleRay => &["trace_sun", "shade_mirrors"],
+        };
+        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"].iter().chain(for_gpus)
+        {
             kernels.push(self.pixels.kernel(name)?);
         }
         let bundles = self.bundles.as_ref().unwrap_or(&self.pixels);

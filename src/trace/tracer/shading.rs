@@ -6,7 +6,7 @@ use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
 use crate::trace::Traversal;
 use crate::trace::kernels::{
     BeginSamples, EndSamples, GenerateLightRays, Grid, IntersectLightRays, ResolveLight, SceneOf, ShadeGlass,
-    ShadeLightHits, ShadeSamples, TraceSunRays,
+    ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
 };
 use crate::trace::light_cache::LookedUp;
 use crate::trace::source::STATE_BYTES;
@@ -52,9 +52,13 @@ impl SampleShading {
     pub fn kernels(traversal: Traversal) -> &'static [&'static str] {
         match traversal {
             Traversal::Packet => &["shade_samples"],
-            Traversal::SingleRay => {
-                &["trace_sun_rays", "intersect_light_rays", "shade_light_hits", "shade_glass", "end_samples"]
-            }
+            Traversal::SingleRay => &[
+                "trace_sun_rays",
+                "intersect_light_rays",
+                "shade_light_hits",
+                "shade_punctual",
+                "shade_glass",
+            ],
         }
     }
 
@@ -97,6 +101,7 @@ pub(in crate::trace) struct Wavefront {
     intersect_light_rays: IntersectLightRays,
     shade_light_hits: ShadeLightHits,
     resolve_light: ResolveLight,
+    shade_punctual: ShadePunctual,
     shade_glass: ShadeGlass,
     end_samples: EndSamples,
     memory: Option<Memory>,
@@ -121,6 +126,7 @@ impl Wavefront {
             intersect_light_rays: IntersectLightRays::of(program)?,
             shade_light_hits: ShadeLightHits::of(program)?,
             resolve_light: ResolveLight::of(program)?,
+            shade_punctual: ShadePunctual::of(program)?,
             shade_glass: ShadeGlass::of(program)?,
             end_samples: EndSamples::of(program)?,
             memory: None,
@@ -174,6 +180,9 @@ impl Wavefront {
             events
                 .push(self.resolve_light.launch(of_samples, scene, shading, count, states, rays, counters)?);
         }
+        if shading.lights > 0 {
+            events.push(self.shade_punctual.launch(of_samples, scene, shading, count, states, counters)?);
+        }
         if work.glass {
             events
                 .push(self.shade_glass.launch(
@@ -181,7 +190,7 @@ impl Wavefront {
                 )?);
         }
         events.push(self.end_samples.launch(
-            of_samples, scene, camera, shading, samples, first, count, visibility, states, records, counters,
+            of_samples, camera, shading, samples, first, count, visibility, states, records, counters,
         )?);
         Ok(())
     }
