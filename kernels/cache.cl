@@ -75,7 +75,7 @@ INLINED static void add_to_cell(const Scene *scene, const Cache *cache, const Pa
 // Passes surfaces from the hit of `step` on, which the eye sees `footprint` wide: those beyond it are the path's; how many. The
 // first one's place is relative to the eye, as the camera has it; surfaces are shaded in one place, as in take_step.
 INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, const Shading *shading, const Cache *cache, Step step, float footprint,
-                          uint seed, Passed *path, uint *rays)
+                          uint seed, KEPT Surface *kept, Passed *path, uint *rays)
 {
     uint count = 0;
     for (uint passed = 0; passed <= CACHE_PATH; ++passed) {
@@ -86,7 +86,9 @@ INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, cons
             break;
         float3 position = step.origin + step.direction * step.t;
         seed = is_seen ? seed : hash(seed ^ 0x9e3779b9u);
-        take_step(scene, shading, &s, -step.direction, seed, &step, rays);
+        *kept = s;
+        float3 side = s.geometric;
+        take_step(scene, shading, kept, -step.direction, seed, &step, rays);
         if (is_seen) {
             if (!step.goes_on)
                 break;
@@ -94,7 +96,7 @@ INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, cons
         }
         Passed *at = path + count++;
         at->position = position;
-        at->side = s.geometric;
+        at->side = side;
         at->direct = step.direct;
         at->goes_on = step.goes_on;
         at->known = false;
@@ -102,8 +104,8 @@ INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, cons
         if (!step.goes_on)
             break;
         at->weight = step.weight;
-        float3 next = step.origin + step.direction * step.t, side = side_of(scene, step.place, step.direction);
-        at->known = cached_radiance(cache, next, side, step.t, &at->next) >= 1.0f;
+        float3 next = step.origin + step.direction * step.t, facing = side_of(scene, step.place, step.direction);
+        at->known = cached_radiance(cache, next, facing, step.t, &at->next) >= 1.0f;
     }
     return count;
 }
@@ -111,7 +113,7 @@ INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, cons
 // Sends `info.paths` paths from samples spread over the view. counters[0] sums rays, counters[1] the cells in `touched`.
 __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_view, CacheInfo info, __global const uint *samples,
                           uint count, __global uint *keys, __global CacheCell *cells, __global CacheSum *sums,
-                          __global uint *touched, __global uint *counters)
+                          __global uint *touched, __global uint *counters, __global uint *kept_surfaces)
 {
     Scene scene = SCENE_ARGUMENTS;
     Shading shading = shading_of_view;
@@ -131,7 +133,12 @@ __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_vi
         step.direction = d;
         Passed path[CACHE_PATH];
         float footprint = pixel_footprint(&camera, (float2)(at & 0xffffu, at >> 16) + 0.5f);
-        uint passed = pass_surfaces(&scene, &camera, &shading, &cache, step, footprint, seed, path, &rays);
+#if SINGLE_RAYS
+        __global Surface *kept = surface_kept(kept_surfaces, item);
+#else
+        Surface own, *kept = &own;
+#endif
+        uint passed = pass_surfaces(&scene, &camera, &shading, &cache, step, footprint, seed, kept, path, &rays);
         float3 last = 0.0f;
         for (uint i = passed; i-- > 0u;) {
             Passed *at = path + i;

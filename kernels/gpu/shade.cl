@@ -196,34 +196,35 @@ __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *
     }
 }
 
-// Looks at the surfaces whose light is queued, a work-item a ray. counters[0] sums further rays.
+// Looks at the surfaces whose light is queued, a work-item one ray after the other. counters[0] sums further rays.
 __kernel void shade_light_hits(SCENE_PARAMETERS, Camera camera, Shading asked, uint first_ray, uint count, __global uint *states,
                                __global uint *light_rays, __global const uint *queue, CacheInfo info, __global uint *keys,
-                               __global CacheCell *cells, __global uint *counters)
+                               __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint item = (uint)get_global_id(0), rays = 0u;
-    if (item >= queue[0])
-        return;
+    uint rays = 0u;
     Shading shading = without_sun_rays(asked);
     Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
-    uint at = queue[1u + item], k = at % count, triangle = *word_of(light_rays, count, PLANE_TRIANGLE, at);
-    Sample sample = state_at(states, k)->sample;
-    float3 d = vector_of(light_rays, count, PLANE_DIRECTION, at), light;
-    float t = as_float(*word_of(light_rays, count, PLANE_T, at));
+    for (uint item = (uint)get_global_id(0); item < queue[0]; item += (uint)get_global_size(0)) {
+        uint at = queue[1u + item], k = at % count, triangle = *word_of(light_rays, count, PLANE_TRIANGLE, at);
+        Sample sample = state_at(states, k)->sample;
+        float3 d = vector_of(light_rays, count, PLANE_DIRECTION, at), light;
+        float t = as_float(*word_of(light_rays, count, PLANE_T, at));
 #if HAS_EMITTERS
-    if (triangle == NONE) {
-        light = emitted_by(&scene, *word_of(light_rays, count, PLANE_TARGET, at), sample.origin, d, t, sample.chance);
-    } else
+        if (triangle == NONE) {
+            light = emitted_by(&scene, *word_of(light_rays, count, PLANE_TARGET, at), sample.origin, d, t, sample.chance);
+        } else
 #endif
-    {
-        __global const uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
-        float indirect = as_float(*word_of(light_rays, count, PLANE_INDIRECT, at));
-        uint chance = hash(sample.index * 32u + at / count + hash(camera.seed + first_ray));
-        light = light_of_surface(&scene, &shading, &cache, &sample, d, triangle, t, indirect, (*sought & IS_SMOOTH) != 0u, chance, &rays);
+        {
+            __global const uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
+            float indirect = as_float(*word_of(light_rays, count, PLANE_INDIRECT, at));
+            uint chance = hash(sample.index * 32u + at / count + hash(camera.seed + first_ray));
+            light = light_of_surface(&scene, &shading, &cache, &sample, d, triangle, t, indirect, (*sought & IS_SMOOTH) != 0u, chance,
+                                     surface_kept(kept_surfaces, (uint)get_global_id(0)), &rays);
+        }
+        set_vector(light_rays, count, PLANE_LIGHT, at, light);
+        *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_SHADED;
     }
-    set_vector(light_rays, count, PLANE_LIGHT, at, light);
-    *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_SHADED;
     if (rays)
         atomic_add(&counters[0], rays);
 }
@@ -257,7 +258,7 @@ __kernel void resolve_light(SCENE_PARAMETERS, Shading asked, uint count, __globa
 
 // counters[0] sums the rays.
 __kernel void shade_glass(SCENE_PARAMETERS, Camera camera, Shading asked, uint count, __global uint *states, CacheInfo info,
-                          __global uint *keys, __global CacheCell *cells, __global uint *counters)
+                          __global uint *keys, __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
 {
 #if HAS_GLASS
     Scene scene = SCENE_ARGUMENTS;
@@ -267,7 +268,7 @@ __kernel void shade_glass(SCENE_PARAMETERS, Camera camera, Shading asked, uint c
     Shading shading = without_sun_rays(asked);
     Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
     ShadedSample state = *state_at(states, k);
-    uint rays = add_glass_light(&scene, &shading, &cache, &state.sample, camera.seed, &state.light);
+    uint rays = add_glass_light(&scene, &shading, &cache, &state.sample, camera.seed, surface_kept(kept_surfaces, k), &state.light);
     if (!rays)
         return;
     state_at(states, k)->light.sum = state.light.sum;

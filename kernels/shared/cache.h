@@ -143,7 +143,7 @@ static float3 side_of(const Scene *scene, uint place, float3 d)
 // its surroundings, where walls part cells, and where the ray is a smooth surface's, which shows what it meets, the surface
 // there is looked at, and the cache a step later.
 INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
-                           float t, bool is_smooth, uint seed, uint *rays)
+                           float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
 {
     bool cached = shading->bounces == 0u && shading->cached;
     float3 p = origin + d * t, radiance;
@@ -151,7 +151,11 @@ INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, c
         cached_radiance(cache, p, side_of(scene, place, d), t, &radiance) >= 0.0f)
         return radiance;
     float3 sum = 0.0f, throughput = 1.0f;
-    Step step = {0.0f, true, 1.0f, origin, d, place, t};
+    Step step;
+    step.origin = origin;
+    step.direction = d;
+    step.place = place;
+    step.t = t;
     for (uint bounce = 0; bounce < max(shading->bounces, 1u); ++bounce) {
         // A wide cone: what a bounce sees is blurred by the next one.
         Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, cached && is_smooth ? 0.0f : 0.05f * step.t);
@@ -162,7 +166,8 @@ INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, c
         if (!cached)
             s.transmission = 0.0f;
 #endif
-        take_step(scene, shading, &s, -step.direction, seed + 16u * bounce, &step, rays);
+        *kept = s;
+        take_step(scene, shading, kept, -step.direction, seed + 16u * bounce, &step, rays);
         sum += throughput * step.direct;
         if (!step.goes_on)
             return sum;

@@ -139,6 +139,8 @@ INLINED static float3 emission_met(const Scene *scene, const Shading *shading, c
 // What a path finds at a surface: light that arrives there from lights of all kinds, reflected, and where it goes on.
 typedef struct {
     float3 direct;
+    // Light of all sources, to be weighed by the surface's colours.
+    Reflection lit;
     // Whether the ray of the mixture has met a surface: its hit, and what light from there counts.
     bool goes_on;
     float3 weight, origin, direction;
@@ -245,43 +247,83 @@ static float3 distant_light_of_step(const Scene *scene, const Shading *shading, 
     return distant;
 }
 
+// What the rays of a step are weighed by at its surface.
+typedef struct {
+    float3 f0, base;
+    Mixture mixture;
+} Weights;
+
+INLINED static Weights weights_of_step(const Scene *scene, const Shading *shading, const Surface *s, float3 view)
+{
+    Weights w;
+    w.f0 = specular_color(s);
+    w.base = diffuse_color(s);
+    w.mixture = mixture_at(scene, s, shading, w.f0, view, false, false);
+    return w;
+}
+
+// The surface of a step and its weights: read once, or on GPUs for each ray before and after it is traced.
+#if SINGLE_RAYS
+#define READ_ONCE
+#define READ_AGAIN \
+    KEPT_SURFACE(s, kept); \
+    Weights w = weights_of_step(scene, shading, s, view)
+#else
+#define READ_ONCE \
+    const Surface *s = kept; \
+    Weights w = weights_of_step(scene, shading, s, view)
+#define READ_AGAIN
+#endif
+
+// Weighs what a ray of a step has found; `coming`: the share of its light that comes.
+INLINED static void weigh_step(const Scene *scene, const Shading *shading, const Surface *s, const Weights *w, float3 view, uint seed, float coming, uint place,
+                               StepRay *r, Step *step)
+{
+    float3 origin = leave_surface(s);
+    Reflection reflected = reflection(s, w->f0, view, r->d);
+    if (r->sought != FOR_ANYTHING) {
+        float3 light = light_of_source(scene, shading, s, &w->mixture, view, origin, seed, coming, r);
+        step->lit.diffuse += reflected.diffuse * light / r->density;
+        step->lit.specular += reflected.specular * light / r->density;
+        return;
+    }
+    step->goes_on = !(coming > 0.0f);
+    step->weight = (w->base * reflected.diffuse + specular_scale(w->f0) * reflected.specular) / r->density;
+    step->origin = origin;
+    step->direction = r->d;
+    step->place = place;
+    step->t = r->t;
+    step->direct = step->weight * (step->goes_on ? emission_met(scene, shading, s, origin, r->d, place, r->t, r->density, 1.0f)
+                                                 : distant_light_of_step(scene, shading, s, r));
+}
+
 // Adds light by rays to punctual lights, to the sun, to an emitter, and one of the mixture, which meets the next surface. Not
 // for unlit surfaces. All of them are traced in one place: graphics cards have the code of each place in registers.
-CALLED INLINED static void take_step(const Scene *scene, const Shading *shading, const Surface *s, float3 view, uint seed, Step *step, uint *rays)
+CALLED INLINED static void take_step(const Scene *scene, const Shading *shading, KEPT const Surface *kept, float3 view, uint seed, Step *step, uint *rays)
 {
-    float3 f0 = specular_color(s), base = diffuse_color(s), origin = leave_surface(s);
-    Mixture m = mixture_at(scene, s, shading, f0, view, false, false);
-    Reflection lit = {0.0f, 0.0f};
+    READ_ONCE;
+    step->lit.diffuse = step->lit.specular = 0.0f;
     step->direct = 0.0f;
     step->goes_on = false;
     for (uint i = 0; i < shading->lights + 3u; ++i) {
         StepRay r;
-        if (!aim_step(scene, shading, s, &m, view, origin, seed, i, &r))
-            continue;
+        float3 origin;
+        {
+            READ_AGAIN;
+            origin = leave_surface(s);
+            if (!aim_step(scene, shading, s, &w.mixture, view, origin, seed, i, &r))
+                continue;
+        }
         ++*rays;
         // Emitters are seen by the rays that they are met with: those see surfaces from their fronts.
         uint place = NONE, kind = r.sought == FOR_ANYTHING ? CLOSEST_OR_BACK : r.sought == FOR_EMITTER ? CLOSEST_FRONT : ANY;
         float coming = light_through(scene, shading, origin, r.d, &r.t, &place, kind, seed);
-        bool is_met = !(coming > 0.0f);
         // What passes behind a single-sided surface is still kept from the sky by it.
-        if (r.sought == FOR_ANYTHING ? place == BACK_MET && !is_met : is_met)
+        if (r.sought == FOR_ANYTHING ? place == BACK_MET && coming > 0.0f : !(coming > 0.0f))
             continue;
-        Reflection reflected = reflection(s, f0, view, r.d);
-        if (r.sought != FOR_ANYTHING) {
-            float3 light = light_of_source(scene, shading, s, &m, view, origin, seed, coming, &r);
-            lit.diffuse += reflected.diffuse * light / r.density;
-            lit.specular += reflected.specular * light / r.density;
-            continue;
-        }
-        float3 weight = (base * reflected.diffuse + specular_scale(f0) * reflected.specular) / r.density;
-        step->goes_on = is_met;
-        step->weight = weight;
-        step->origin = origin;
-        step->direction = r.d;
-        step->place = place;
-        step->t = r.t;
-        step->direct = weight * (is_met ? emission_met(scene, shading, s, origin, r.d, place, r.t, r.density, 1.0f)
-                                        : distant_light_of_step(scene, shading, s, &r));
+        READ_AGAIN;
+        weigh_step(scene, shading, s, &w, view, seed, coming, place, &r, step);
     }
-    step->direct += base * lit.diffuse + specular_scale(f0) * lit.specular;
+    READ_AGAIN;
+    step->direct += w.base * step->lit.diffuse + specular_scale(w.f0) * step->lit.specular;
 }

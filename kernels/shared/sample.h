@@ -166,13 +166,13 @@ INLINED static bool aim_light_ray(const Scene *scene, const Shading *shading, co
 // The light of a ray, which the surface has sent that it has met at t. It is found by reflected rays alone, so it counts by
 // their density; emitters' light by that of rays aimed at them, too.
 INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
-                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, uint *rays)
+                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, KEPT Surface *kept, uint *rays)
 {
     const Mixture *m = &sample->mixture;
     float reflected = reflected_density(&sample->surface, m, sample->view, d) * looking_share(shading);
     float3 light = emission_met(scene, shading, &sample->surface, sample->origin, d, place, t, reflected, m->emitters);
     if (shading->bounces > 0u || shading->cached) {
-        float3 found = light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, rays);
+        float3 found = light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, kept, rays);
         light += is_smooth || shading->bounces > 0u ? found : without_spot(cache, found);
     }
     return light * indirect;
@@ -283,7 +283,7 @@ INLINED static void begin_sample(const Scene *scene, const Camera *camera, const
 
 #if HAS_GLASS
 // Light that comes through a sample's glass, along half as many rays as its others.
-INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, SampleLight *brought)
+INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, KEPT Surface *kept, SampleLight *brought)
 {
     const Surface *s = &sample->surface;
     if (!(s->transmission > 0.0f))
@@ -303,7 +303,7 @@ INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, 
             light = background(scene, shading, on.d);
         } else {
             light = surface_at(scene, place, on.origin, 0.0f, on.d, 0.05f * t).emission;
-            light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, true, chance, &rays);
+            light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, true, chance, kept, &rays);
         }
         sum += on.throughput * light;
     }

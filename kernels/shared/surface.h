@@ -513,6 +513,24 @@ CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 
     return s;
 }
 
+// Where a surface waits while rays that leave it are traced: on GPUs in memory, so that registers are free for rays. What it is
+// read by comes from memory anew after each ray.
+#if SINGLE_RAYS
+#define KEPT __global
+#define KEPT_SURFACE(name, kept) \
+    mem_fence(CLK_GLOBAL_MEM_FENCE); \
+    Surface name##_read = *(kept); \
+    const Surface *name = &name##_read
+
+// The host sets aside SURFACE_BYTES for each.
+typedef char SurfaceFits[sizeof(Surface) <= SURFACE_BYTES ? 1 : -1];
+
+static __global Surface *surface_kept(__global uint *surfaces, uint i) { return (__global Surface *)surfaces + i; }
+#else
+#define KEPT
+#define KEPT_SURFACE(name, kept) const Surface *name = (kept)
+#endif
+
 // Where rays that leave the surface start: off it by the rounding of everything that led there.
 static float3 leave_surface(const Surface *s) { return s->position + s->geometric * (s->offset + s->rise); }
 

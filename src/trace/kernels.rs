@@ -163,7 +163,7 @@ kernels! {
     ShadeLightHits = shade_light_hits(
         scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
         light_rays: &Buffer<u32>, queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
-        cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
+        cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
     );
     /// Adds up what they bring.
     ResolveLight = resolve_light(
@@ -174,6 +174,7 @@ kernels! {
     ShadeGlass = shade_glass(
         scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, info: &CacheInfo,
         keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
+        kept_surfaces: &Buffer<u32>,
     );
     /// Adds light of punctual lights.
     ShadePunctual = shade_punctual(
@@ -194,7 +195,7 @@ kernels! {
     LightCells = light_cells(
         scene: SceneOf, camera: &Camera, shading_of_view: &Shading, info: &CacheInfo, samples: &Buffer<u32>,
         count: u32, keys: &Buffer<u32>, cells: &Buffer<CacheCell>, sums: &Buffer<CacheSum>, touched: &Buffer<u32>,
-        counters: &Buffer<u32>,
+        counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
     );
     /// Takes in what was brought.
     SettleCells = settle_cells(

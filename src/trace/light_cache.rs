@@ -23,6 +23,7 @@ use crate::gpu::opencl::{Buffer, Device, Event, Program};
 use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
 
 use super::kernels::{ForgetCells, Grid, LightCells, SceneOf, SettleCells};
+use super::source::SURFACE_BYTES;
 use super::{SceneBuffers, TracePattern, Traversal};
 
 /// Paths that bring light to the cache in each frame of a view while it is new: fewer learn a view too slowly, however
@@ -64,6 +65,8 @@ struct Memory {
     cells: Buffer<CacheCell>,
     sums: Buffer<CacheSum>,
     touched: Buffer<u32>,
+    /// A surface for each path, on GPUs.
+    kept_surfaces: Buffer<u32>,
     /// Rays, and cells in `touched`.
     counters: Buffer<u32>,
 }
@@ -118,14 +121,14 @@ impl LightCache {
     ) -> Result<[Event; 3]> {
         let memory = match self.memory.take() {
             Some(memory) => memory,
-            None => Memory::new(device)?,
+            None => Memory::new(device, self.traversal)?,
         };
         let memory = self.memory.insert(memory);
         self.info.frame = step as u32;
         self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
         memory.counters.write(&[0, 0])?;
         let (info, group) = (&self.info, self.traversal.group());
-        let Memory { keys, cells, sums, touched, counters } = memory;
+        let Memory { keys, cells, sums, touched, kept_surfaces, counters } = memory;
         let settlers = Grid { items: SETTLERS, group };
         let forget = self.forget_cells.launch(settlers, info, keys, cells)?;
         let light = self.light_cells.launch(
@@ -141,6 +144,7 @@ impl LightCache {
             sums,
             touched,
             counters,
+            kept_surfaces,
         )?;
         let settle = self.settle_cells.launch(settlers, info, cells, sums, touched, counters)?;
         Ok([forget, light, settle])
@@ -155,13 +159,15 @@ impl LightCache {
 }
 
 impl Memory {
-    fn new(device: &Device) -> Result<Self> {
+    fn new(device: &Device, traversal: Traversal) -> Result<Self> {
+        let paths = if traversal == Traversal::SingleRay { PATHS as usize } else { 0 };
         let cells = CACHE_CELLS as usize;
         Ok(Memory {
             keys: zeroed(device, cells)?,
             cells: zeroed(device, cells)?,
             sums: zeroed(device, cells)?,
             touched: Buffer::new(device, cells)?,
+            kept_surfaces: Buffer::new(device, paths * SURFACE_BYTES / size_of::<u32>())?,
             counters: Buffer::new(device, 2)?,
         })
     }

@@ -9,12 +9,14 @@ use crate::trace::kernels::{
     ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
 };
 use crate::trace::light_cache::LookedUp;
-use crate::trace::source::STATE_BYTES;
+use crate::trace::source::{STATE_BYTES, SURFACE_BYTES};
 
 /// Light rays of a sample that are under way together.
 const BATCH: usize = 32;
 /// Words of memory of a light ray under way: planes in `kernels/gpu/shade.cl`.
 const RAY_WORDS: usize = 15;
+/// Work-items that look at what the light rays have met, for each sample under way.
+const LANES_PER_SAMPLE: usize = 2;
 
 /// The kernels of a variant, and what they need in a device's memory.
 #[derive(Debug)]
@@ -115,6 +117,8 @@ struct Memory {
     states: Buffer<u32>,
     rays: Buffer<u32>,
     queue: Buffer<u32>,
+    /// A surface for each work-item that looks at hits.
+    kept_surfaces: Buffer<u32>,
 }
 
 impl Wavefront {
@@ -151,12 +155,13 @@ impl Wavefront {
 
     /// Enqueues shading of samples `first..first + count`, for which there is memory.
     fn enqueue_some(&self, work: &Work, first: u32, count: u32, events: &mut Vec<Event>) -> Result<()> {
-        let Some(Memory { states, rays, queue, .. }) = &self.memory else { return Ok(()) };
+        let Some(Memory { states, rays, queue, kept_surfaces, .. }) = &self.memory else { return Ok(()) };
         let Work { scene, camera, shading, samples, hits, visibility, records, counters, .. } = *work;
         let (info, keys, cells) = work.light;
         let group = Traversal::SingleRay.group();
         let of_samples = Grid { items: count as usize, group };
         let of_rays = Grid { items: count as usize * BATCH, group };
+        let of_hits = Grid { items: lanes_of_hits(count as usize), group };
         events.push(
             self.begin_samples
                 .launch(of_samples, scene, camera, shading, samples, first, count, hits, states)?,
@@ -174,8 +179,20 @@ impl Wavefront {
             );
             events.push(self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?);
             events.push(self.shade_light_hits.launch(
-                of_rays, scene, camera, shading, first_ray, count, states, rays, queue, info, keys, cells,
+                of_hits,
+                scene,
+                camera,
+                shading,
+                first_ray,
+                count,
+                states,
+                rays,
+                queue,
+                info,
+                keys,
+                cells,
                 counters,
+                kept_surfaces,
             )?);
             events
                 .push(self.resolve_light.launch(of_samples, scene, shading, count, states, rays, counters)?);
@@ -184,10 +201,19 @@ impl Wavefront {
             events.push(self.shade_punctual.launch(of_samples, scene, shading, count, states, counters)?);
         }
         if work.glass {
-            events
-                .push(self.shade_glass.launch(
-                    of_samples, scene, camera, shading, count, states, info, keys, cells, counters,
-                )?);
+            events.push(self.shade_glass.launch(
+                of_samples,
+                scene,
+                camera,
+                shading,
+                count,
+                states,
+                info,
+                keys,
+                cells,
+                counters,
+                kept_surfaces,
+            )?);
         }
         events.push(self.end_samples.launch(
             of_samples, camera, shading, samples, first, count, visibility, states, records, counters,
@@ -199,6 +225,11 @@ impl Wavefront {
 /// Rays of a sample that look at the sun's disc: as `rays_to_sun` in `kernels/shared/sample.h`.
 fn rays_to_sun(shading: &layout::Shading) -> u32 {
     if shading.guided == 0 { 0 } else { ((shading.rays as f32 * shading.sun_share) as u32).min(32) }
+}
+
+/// Work-items that look at what the light rays of so many samples have met: whole groups, all of whose work-items take part.
+fn lanes_of_hits(samples: usize) -> usize {
+    (samples * LANES_PER_SAMPLE).next_multiple_of(Traversal::SingleRay.group())
 }
 
 /// Samples that are under way together at most: enough for all lanes of a graphics card; for processors as many as
@@ -214,6 +245,7 @@ impl Memory {
             states: Buffer::new(device, samples * STATE_BYTES / size_of::<u32>())?,
             rays: Buffer::new(device, samples * BATCH * RAY_WORDS)?,
             queue: Buffer::new(device, 1 + samples * BATCH)?,
+            kept_surfaces: Buffer::new(device, lanes_of_hits(samples) * SURFACE_BYTES / size_of::<u32>())?,
         })
     }
 }
