@@ -237,7 +237,7 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     for (uint k = 0; k < n; ++k) {
         const Sample *sample = &mine[k].sample;
         if (sample->lit)
-            rays += add_punctual(&scene, &shading, &sample->surface, sample->f0, sample->view, sample->chance, &mine[k].light.sum);
+            rays += add_punctual(&scene, &shading, &sample->surface, sample->view, sample->chance, &mine[k].light.sum);
 #if HAS_GLASS
         Surface kept;
         if (sample->lit)

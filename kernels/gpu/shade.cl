@@ -283,12 +283,12 @@ __kernel void shade_punctual(SCENE_PARAMETERS, Shading shading, uint count, __gl
     uint k = (uint)get_global_id(0);
     if (k >= count || !state_at(states, k)->sample.lit)
         return;
-    Sample s = state_at(states, k)->sample;
-    Reflection sum = state_at(states, k)->light.sum;
-    uint rays = add_punctual(&scene, &shading, &s.surface, s.f0, s.view, s.chance, &sum);
+    __global ShadedSample *state = state_at(states, k);
+    Reflection sum = state->light.sum;
+    uint rays = add_punctual(&scene, &shading, &state->sample.surface, state->sample.view, state->sample.chance, &sum);
     if (!rays)
         return;
-    state_at(states, k)->light.sum = sum;
+    state->light.sum = sum;
     atomic_add(&counters[0], rays);
 }
 

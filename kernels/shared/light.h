@@ -96,20 +96,25 @@ INLINED static float3 distant_light(const Scene *scene, const Shading *shading, 
     return radiance;
 }
 
-INLINED static uint add_punctual(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, uint seed,
-                         Reflection *sum)
+// Adds the light of punctual lights at a surface; how many rays that took.
+INLINED static uint add_punctual(const Scene *scene, const Shading *shading, KEPT const Surface *kept, float3 view, uint seed, Reflection *sum)
 {
     uint rays = 0;
-    float3 origin = leave_surface(s);
     for (uint i = 0; i < shading->lights; ++i) {
-        float3 direction;
+        float3 direction, light, origin;
         float distance;
-        float3 light = punctual(shading, scene->lights + i, s->position, &direction, &distance);
-        Reflection r = reflection(s, f0, view, direction);
-        if (!(max3(light) > 0.0f) || dot3(s->horizon, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
-            continue;
+        {
+            KEPT_SURFACE(s, kept);
+            light = punctual(shading, scene->lights + i, s->position, &direction, &distance);
+            if (!(max3(light) > 0.0f) || dot3(s->horizon, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
+                continue;
+            origin = leave_surface(s);
+            distance = distance_left(s, direction, distance);
+        }
         ++rays;
-        light *= light_along(scene, shading, origin, direction, distance_left(s, direction, distance), seed);
+        light *= light_along(scene, shading, origin, direction, distance, seed);
+        KEPT_SURFACE(s, kept);
+        Reflection r = reflection(s, specular_color(s), view, direction);
         sum->diffuse += r.diffuse * light;
         sum->specular += r.specular * light;
     }

@@ -154,7 +154,7 @@ impl Tracer {
 
     pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
         let program = &programs.pixels;
-        data.check_fit_with_stacks(device, programs.traversals, programs.largest_stack()?)?;
+        data.check_fit_beside(device, programs.traversals, programs.working_memory(device.info())?)?;
         let on_gpus = |required: bool| required && programs.traversals.pixels == Traversal::SingleRay;
         let bundles = programs.bundles.as_ref().unwrap_or(program);
         let scene = SceneBuffers::upload(device, data, programs.traversals)?;

@@ -1,8 +1,8 @@
 //! The built kernels of the variants that a device uses.
 
-use super::SampleShading;
+use super::{SampleShading, shading};
 use crate::error::Result;
-use crate::gpu::opencl::{Device, Kernel, Program};
+use crate::gpu::opencl::{Device, DeviceInfo, Kernel, Program};
 use crate::isolated;
 use crate::scene::Features;
 use crate::trace::{Traversal, Traversals, self_test, source};
@@ -42,8 +42,17 @@ impl Programs {
         Ok(Programs { traversals, features: *features, pixels: build(traversals.pixels)?, bundles })
     }
 
+    /// Bytes that the kernels need beside the scene: for stacks, which drivers set aside, and for light rays under way.
+    pub(super) fn working_memory(&self, info: &DeviceInfo) -> Result<u64> {
+        let rays = match self.traversals.bundles {
+            Traversal::Packet => 0,
+            Traversal::SingleRay => shading::bytes_under_way(info),
+        };
+        Ok(stacks(info, self.largest_stack()?) + rays)
+    }
+
     /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
-    pub(super) fn largest_stack(&self) -> Result<u64> {
+    fn largest_stack(&self) -> Result<u64> {
         let mut kernels = Vec::new();
         let for_gpus: &[&str] = match self.traversals.pixels {
             Traversal::Packet => &[],
@@ -71,4 +80,11 @@ pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals:
     let programs = Programs::build(device, features, depth, traversals)?;
     isolated::stage("tracing the self-test");
     self_test::run(device, &programs)
+}
+
+/// Bytes that a driver sets aside for the stacks of all work-items that may run at once: 2048 on a unit of a
+/// graphics card (NVIDIA's limit from compute capability 7.0 on, but for 7.5 and 8.x, which have fewer).
+fn stacks(info: &DeviceInfo, stack: u64) -> u64 {
+    const RESIDENT: u64 = 2048;
+    if info.kind == "gpu" { stack.saturating_mul(RESIDENT * u64::from(info.compute_units)) } else { 0 }
 }

@@ -1,7 +1,7 @@
 //! Shading of samples: one kernel where rays travel in packets, and for GPUs several that hand light rays on in memory.
 
 use crate::error::Result;
-use crate::gpu::opencl::{Buffer, Device, Event, Program};
+use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event, Program};
 use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
 use crate::trace::Traversal;
 use crate::trace::kernels::{
@@ -138,7 +138,7 @@ impl Wavefront {
     }
 
     fn enqueue(&mut self, device: &Device, work: &Work) -> Result<Vec<Event>> {
-        let most = samples_under_way(device);
+        let most = samples_under_way(device.info());
         let needed = (work.count as usize).min(most).max(1);
         if self.memory.as_ref().is_none_or(|memory| memory.samples < needed) {
             self.memory = Some(Memory::new(device, needed)?);
@@ -234,8 +234,15 @@ fn lanes_of_hits(samples: usize) -> usize {
 
 /// Samples that are under way together at most: enough for all lanes of a graphics card; for processors as many as
 /// their caches hold.
-fn samples_under_way(device: &Device) -> usize {
-    if device.info().kind == "cpu" { 1024 } else { 32768 }
+fn samples_under_way(info: &DeviceInfo) -> usize {
+    if info.kind == "cpu" { 1024 } else { 32768 }
+}
+
+/// The memory for these, in bytes.
+pub(super) fn bytes_under_way(info: &DeviceInfo) -> u64 {
+    let samples = samples_under_way(info);
+    let words = samples * BATCH * (RAY_WORDS + 1);
+    (samples * STATE_BYTES + words * size_of::<u32>() + lanes_of_hits(samples) * SURFACE_BYTES) as u64
 }
 
 impl Memory {
