@@ -29,7 +29,7 @@ static ulong in_units(float value, float scale)
 }
 
 // Whether a wall stands between p and a random place of its cell, along the surface: then a part of the cell is beyond it.
-static bool is_parted(const Scene *scene, const Cache *cache, float3 p, float3 n, int level, uint seed)
+INLINED static bool is_parted(const Scene *scene, const Cache *cache, float3 p, float3 n, int level, uint seed)
 {
     float size = ldexp(1.0f, level);
     float3 inside = (float3)(fraction(hash(seed + 1u)), fraction(hash(seed + 2u)), fraction(hash(seed + 3u)));
@@ -43,7 +43,7 @@ static bool is_parted(const Scene *scene, const Cache *cache, float3 p, float3 n
 }
 
 // Adds a path's light to a cell of a size. A cell that is known to be parted goes on to a smaller one.
-static void add_to_cell(const Scene *scene, const Cache *cache, const Passed *at, float3 radiance, int level, int halvings,
+INLINED static void add_to_cell(const Scene *scene, const Cache *cache, const Passed *at, float3 radiance, int level, int halvings,
                         float scale, uint seed, __global uint *touched, __global uint *counters)
 {
     uint cell = NONE;
@@ -72,19 +72,31 @@ static void add_to_cell(const Scene *scene, const Cache *cache, const Passed *at
     add_exactly(sum->blue, in_units(radiance.z, scale));
 }
 
-// Passes surfaces from the hit of `step` on; how many.
-static uint pass_surfaces(const Scene *scene, const Shading *shading, const Cache *cache, Step step, uint seed, Passed *path, uint *rays)
+// Passes surfaces from the hit of `step` on, which the eye sees `footprint` wide: those beyond it are the path's; how many. The
+// first one's place is relative to the eye, as the camera has it; surfaces are shaded in one place, as in take_step.
+INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, const Shading *shading, const Cache *cache, Step step, float footprint,
+                          uint seed, KEPT Surface *kept, Passed *path, uint *rays)
 {
     uint count = 0;
-    while (step.goes_on && count < CACHE_PATH) {
-        Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, 0.05f * step.t);
+    for (uint passed = 0; passed <= CACHE_PATH; ++passed) {
+        bool is_seen = passed == 0u;
+        float3 low = is_seen ? load3(camera->origin_low) : 0.0f;
+        Surface s = surface_at(scene, step.place, step.origin, low, step.direction, (is_seen ? footprint : 0.05f) * step.t);
         if (s.unlit)
             break;
+        float3 position = step.origin + step.direction * step.t;
+        seed = is_seen ? seed : hash(seed ^ 0x9e3779b9u);
+        *kept = s;
+        float3 side = s.geometric;
+        take_step(scene, shading, kept, -step.direction, seed, &step, rays);
+        if (is_seen) {
+            if (!step.goes_on)
+                break;
+            continue;
+        }
         Passed *at = path + count++;
-        at->position = step.origin + step.direction * step.t;
-        at->side = s.geometric;
-        seed = hash(seed ^ 0x9e3779b9u);
-        take_step(scene, shading, &s, -step.direction, seed, &step, rays);
+        at->position = position;
+        at->side = side;
         at->direct = step.direct;
         at->goes_on = step.goes_on;
         at->known = false;
@@ -92,8 +104,8 @@ static uint pass_surfaces(const Scene *scene, const Shading *shading, const Cach
         if (!step.goes_on)
             break;
         at->weight = step.weight;
-        float3 next = step.origin + step.direction * step.t, side = side_of(scene, step.place, step.direction);
-        at->known = cached_radiance(cache, next, side, step.t, &at->next) >= 1.0f;
+        float3 next = step.origin + step.direction * step.t, facing = side_of(scene, step.place, step.direction);
+        at->known = cached_radiance(cache, next, facing, step.t, &at->next) >= 1.0f;
     }
     return count;
 }
@@ -101,7 +113,7 @@ static uint pass_surfaces(const Scene *scene, const Shading *shading, const Cach
 // Sends `info.paths` paths from samples spread over the view. counters[0] sums rays, counters[1] the cells in `touched`.
 __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_view, CacheInfo info, __global const uint *samples,
                           uint count, __global uint *keys, __global CacheCell *cells, __global CacheSum *sums,
-                          __global uint *touched, __global uint *counters)
+                          __global uint *touched, __global uint *counters, __global uint *kept_surfaces)
 {
     Scene scene = SCENE_ARGUMENTS;
     Shading shading = shading_of_view;
@@ -117,12 +129,16 @@ __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_vi
     step.t = INFINITY;
     uint rays = 1;
     if (trace_ray(&scene, eye, load3(camera.origin_low), d, &step.t, &step.place, CLOSEST_FRONT, seed)) {
-        Surface s = surface_at(&scene, step.place, eye, load3(camera.origin_low), d, step.t * pixel_footprint(&camera, (float2)(at & 0xffffu, at >> 16) + 0.5f));
-        step.goes_on = false;
-        if (!s.unlit)
-            take_step(&scene, &shading, &s, -d, seed, &step, &rays);
+        step.origin = eye;
+        step.direction = d;
         Passed path[CACHE_PATH];
-        uint passed = pass_surfaces(&scene, &shading, &cache, step, seed, path, &rays);
+        float footprint = pixel_footprint(&camera, (float2)(at & 0xffffu, at >> 16) + 0.5f);
+#if SINGLE_RAYS
+        __global Surface *kept = surface_kept(kept_surfaces, item);
+#else
+        Surface own, *kept = &own;
+#endif
+        uint passed = pass_surfaces(&scene, &camera, &shading, &cache, step, footprint, seed, kept, path, &rays);
         float3 last = 0.0f;
         for (uint i = passed; i-- > 0u;) {
             Passed *at = path + i;
@@ -134,8 +150,9 @@ __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_vi
             last = radiance;
             int level = cell_level(&cache, at->position);
             uint chance = hash(seed + i + 1u);
-            add_to_cell(&scene, &cache, at, radiance, level, CACHE_HALVINGS, info.scale, chance, touched, counters);
-            add_to_cell(&scene, &cache, at, radiance, level + CACHE_COARSER, 0, info.scale, ~chance, touched, counters);
+            for (uint coarse = 0; coarse < 2u; ++coarse)
+                add_to_cell(&scene, &cache, at, radiance, level + (coarse ? CACHE_COARSER : 0), coarse ? 0 : CACHE_HALVINGS, info.scale,
+                            coarse ? ~chance : chance, touched, counters);
         }
     }
     atomic_add(&counters[0], rays);

@@ -8,7 +8,7 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
 
 #if HAS_GLOSSY
 // What reaches a surface about: the sky's light, and the sun's where nothing hides it.
-static float3 light_in_mirror(const Scene *scene, const Shading *shading, const Surface *s, uint seed, uint *rays)
+INLINED static float3 light_in_mirror(const Scene *scene, const Shading *shading, const Surface *s, uint seed, uint *rays)
 {
     float3 light = glossy_radiance(scene, shading, s->normal, 1.0f) * s->occlusion;
 #if HAS_SUN
@@ -25,7 +25,7 @@ static float3 light_in_mirror(const Scene *scene, const Shading *shading, const 
 // What a mirror shows of a surface that it meets, as blurred as `wide` of the rays' length: its own light, what it scatters,
 // and of what it mirrors the sky's, or where it is a mirror itself, of what a ray from there meets. Asked where samples
 // look for what surfaces send.
-static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, float wide, uint seed,
+INLINED static float3 seen_in_mirror(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t, float wide, uint seed,
                              uint *rays)
 {
     float3 sum = 0.0f, throughput = 1.0f;
@@ -70,7 +70,7 @@ static float3 lobe_direction(float3 n, float3 g, float3 view, float roughness, u
 }
 
 // What a pixel expects to mirror, from `origin` on a surface: see glossy.h.
-static float3 expected_at(const Scene *scene, const Shading *shading, float3 origin, float3 n, float3 g, float3 d, float roughness,
+INLINED static float3 expected_at(const Scene *scene, const Shading *shading, float3 origin, float3 n, float3 g, float3 d, float roughness,
                           float3 f0, float occlusion, uint seed, uint *rays)
 {
     float3 r = mirrored(n, -d, roughness);

@@ -15,7 +15,7 @@
 //! features. Verdicts are kept beside the measurements, failures for a day. `foveate devices` asks everything
 //! in another process, part by part, and leaves out what ended it. Memory that a driver sets aside for
 //! work-items' stacks counts when a scene is held against a graphics card's memory
-//! (`SceneData::check_fit_with_stacks`). `scripts/opencl-drivers.sh` unpacks both of these drivers, without
+//! (`SceneData::check_fit_beside`). `scripts/opencl-drivers.sh` unpacks both of these drivers, without
 //! installing them.
 
 use std::fmt;

@@ -2,45 +2,57 @@
 //
 // The variant for GPUs describes a pixel, asks for the sun and finds edges with a work-item for each pixel, in
 // scalars, from the code that samples use (`surface_at`); eight lanes at a time and blocks are for processors. So
-// what a work-item keeps there is one surface instead of a block's 64. Light rays are still a sample's, one after the
-// other. `both_variants_describe_the_same` holds one against the other.
+// what a work-item keeps there is one surface instead of a block's 64. `both_variants_describe_the_same` holds one against the other. Three kernels do it, each of which keeps less than
+// one would: trace_sun leaves in the record's `reflected` how much of the sun's light comes, describe_pixels turns that into
+// what the record has of it and marks surfaces that reflect, and shade_mirrors looks at what these show.
 #if SINGLE_RAYS
 
 static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
 
-#if HAS_SUN
-// How much of the sun's light comes to a surface from its centre: see sun.h.
-static float share_of_sun(const Scene *scene, const Shading *shading, const Surface *s, uint *rays)
+// How much of the sun's light comes to each pixel of the tiles first .. first + count from its centre: see sun.h. counters[0] sums
+// the rays.
+__kernel void trace_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
+                        __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {
-    float3 sun = load3(shading->sun_direction);
-    if (!(dot3(s->horizon, sun) > 0.0f))
-        return 0.0f;
-    ++*rays;
-    return light_along(scene, shading, leave_surface(s), sun, INFINITY, 0u);
-}
+#if HAS_SUN
+    Scene scene = SCENE_ARGUMENTS;
+    uint x, y, right, bottom;
+    if (!pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &x, &y, &right, &bottom))
+        return;
+    uint pixel = y * camera.width + x;
+    if (!IS_HIT(hits[pixel].triangle))
+        return;
+    float3 d = camera_ray(&camera, x, y), sun = load3(shading.sun_direction);
+    Facet f = facet_of(&scene, hits[pixel].triangle, load3(camera.origin), load3(camera.origin_low));
+    Surface s;
+    place_surface(&f, hit_weights(&f, d), d, &s);
+    float coming = 0.0f;
+    if (dot3(s.horizon, sun) > 0.0f) {
+        coming = light_along(&scene, &shading, leave_surface(&s), sun, INFINITY, 0u);
+        atomic_inc(&counters[0]);
+    }
+    records[pixel].reflected = as_uint(coming);
 #endif
+}
 
-static VisibilityRecord describe_surface(const Scene *scene, const Camera *camera, const Shading *shading, uint x, uint y,
-                                         HitRecord hit, uint *rays)
+INLINED static Surface surface_of_pixel(const Scene *scene, const Camera *camera, uint x, uint y, HitRecord hit)
+{
+    return surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), camera_ray(camera, x, y),
+                      hit.t * pixel_footprint(camera, (float2)(x, y) + 0.5f));
+}
+
+// `sunlit`: how much of the sun's light comes.
+INLINED static VisibilityRecord describe_surface(const Scene *scene, const Camera *camera, const Shading *shading, uint x, uint y,
+                                                 HitRecord hit, float sunlit)
 {
     float3 d = camera_ray(camera, x, y), base;
-    Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
-                           hit.t * pixel_footprint(camera, (float2)(x, y) + 0.5f));
+    Surface s = surface_of_pixel(scene, camera, x, y, hit);
     uint instance = instance_of(scene, hit.triangle), reflected = 0u;
     uint packed = scene->triangles[place_in(scene, instance, hit.triangle)].packed;
     float metallic;
     recorded_colors(&s, &base, &metallic);
 #if HAS_GLOSSY
-    if (scene->materials[TRIANGLE_MATERIAL(packed)].glossy && scene->glossy) {
-        float3 f0 = mix((float3)(0.04f), recorded_base(s.base), s.metallic);
-        float3 light = expected_at(scene, shading, leave_surface(&s), s.normal, s.horizon, d, s.roughness, f0, s.occlusion,
-                                   camera->seed, rays);
-        reflected = max(pack_emission(light), 1u);
-    }
-#endif
-    float sunlit = 0.0f;
-#if HAS_SUN
-    sunlit = share_of_sun(scene, shading, &s, rays);
+    reflected = scene->materials[TRIANGLE_MATERIAL(packed)].glossy && scene->glossy ? 1u : 0u;
 #endif
     float3 emission = s.emission;
 #if HAS_LAYERS || HAS_GLASS || HAS_ALPHA
@@ -61,21 +73,46 @@ static VisibilityRecord describe_surface(const Scene *scene, const Camera *camer
     return record;
 }
 
-// Of the tiles first .. first + count. counters[0] sums the rays to the sun and to what pixels mirror.
+// Of the tiles first .. first + count.
 __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first,
                               uint count, __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
 {
+    Scene scene = SCENE_ARGUMENTS;
+    uint x, y, right, bottom;
+    float sunlit = 0.0f;
+    if (!pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &x, &y, &right, &bottom))
+        return;
+    uint pixel = y * camera.width + x;
+    HitRecord hit = hits[pixel];
+#if HAS_SUN
+    sunlit = as_float(records[pixel].reflected);
+#endif
+    if (IS_HIT(hit.triangle))
+        records[pixel] = describe_surface(&scene, &camera, &shading, x, y, hit, sunlit);
+    else
+        records[pixel] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
+}
+
+// What pixels of the tiles first .. first + count mirror, where they do. counters[0] sums the rays.
+__kernel void shade_mirrors(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
+                            __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
+{
+#if HAS_GLOSSY
     Scene scene = SCENE_ARGUMENTS;
     uint x, y, right, bottom, rays = 0u;
     if (!pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &x, &y, &right, &bottom))
         return;
     uint pixel = y * camera.width + x;
-    HitRecord hit = hits[pixel];
-    if (IS_HIT(hit.triangle))
-        records[pixel] = describe_surface(&scene, &camera, &shading, x, y, hit, &rays);
-    else
-        records[pixel] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
+    if (records[pixel].reflected == 0u)
+        return;
+    float3 d = camera_ray(&camera, x, y);
+    Surface s = surface_of_pixel(&scene, &camera, x, y, hits[pixel]);
+    float3 f0 = mix((float3)(0.04f), recorded_base(s.base), s.metallic);
+    float3 light = expected_at(&scene, &shading, leave_surface(&s), s.normal, s.horizon, d, s.roughness, f0, s.occlusion, camera.seed,
+                               &rays);
+    records[pixel].reflected = max(pack_emission(light), 1u);
     if (rays)
         atomic_add(&counters[0], rays);
+#endif
 }
 #endif

@@ -83,7 +83,7 @@ static bool describes_itself(const Surface *s)
 }
 
 // A guided sample's light: divided by the colours that its pixels multiply it by, which are the record's.
-static Reflection without_colors(const Surface *s, float3 f0, Reflection r)
+INLINED static Reflection without_colors(const Surface *s, float3 f0, Reflection r)
 {
 #if HAS_VERTEX_COLORS || HAS_LAYERS || HAS_GLASS
     // Most are divided by their own colours, and keep every bit.
@@ -125,7 +125,7 @@ static float ggx(const Surface *s, float3 h)
     return a2 / max(PI * d * d, 1.0e-30f);
 }
 
-static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 light)
+INLINED static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 light)
 {
 #if HAS_LAYERS
     if (s->layered)
@@ -153,7 +153,7 @@ static Reflection reflection(const Surface *s, float3 f0, float3 view, float3 li
 }
 
 // Share of reflected rays that follow the specular lobe.
-static float specular_share(const Surface *s, float3 f0, float3 view)
+INLINED static float specular_share(const Surface *s, float3 f0, float3 view)
 {
 #if HAS_LAYERS
     if (s->layered)
@@ -166,7 +166,7 @@ static float specular_share(const Surface *s, float3 f0, float3 view)
 }
 
 // Visible GGX normals by spherical caps (Dupuy and Benyoub 2023), reflected.
-static float3 sample_ggx(const Surface *s, float3 view, float2 u)
+INLINED static float3 sample_ggx(const Surface *s, float3 view, float2 u)
 {
     float3 t, b;
     frame_around(s->normal, &t, &b);
@@ -181,7 +181,7 @@ static float3 sample_ggx(const Surface *s, float3 view, float2 u)
     return normal * (2.0f * dot3(view, normal)) - view;
 }
 
-static float3 sample_specular(const Surface *s, float3 view, float2 u)
+INLINED static float3 sample_specular(const Surface *s, float3 view, float2 u)
 {
 #if HAS_LAYERS
     if (s->layered)
@@ -190,7 +190,7 @@ static float3 sample_specular(const Surface *s, float3 view, float2 u)
     return sample_ggx(s, view, u);
 }
 
-static float specular_density(const Surface *s, float3 view, float3 light)
+INLINED static float specular_density(const Surface *s, float3 view, float3 light)
 {
 #if HAS_LAYERS
     if (s->layered)
@@ -203,7 +203,7 @@ static float specular_density(const Surface *s, float3 view, float3 light)
     return ggx(s, h) * 0.5f / (nv + sqrt(fma(nv * nv, 1.0f - a2, a2)));
 }
 
-static float3 sample_diffuse(const Surface *s, float2 u)
+INLINED static float3 sample_diffuse(const Surface *s, float2 u)
 {
     float3 t, b;
     frame_around(s->normal, &t, &b);
@@ -211,4 +211,4 @@ static float3 sample_diffuse(const Surface *s, float2 u)
     return t * (r * cos(phi)) + b * (r * sin(phi)) + s->normal * sqrt(max(1.0f - u.y, 0.0f));
 }
 
-static float diffuse_density(const Surface *s, float3 light) { return max(dot3(s->normal, light), 0.0f) / PI; }
+INLINED static float diffuse_density(const Surface *s, float3 light) { return max(dot3(s->normal, light), 0.0f) / PI; }

@@ -100,7 +100,7 @@ static float grown_cell(const Cache *cache, uint cell, float3 *radiance)
 // Radiance that leaves a surface at p on the side of unit n towards something at a distance of t. Surroundings stand in for
 // young cells, and for all that is so far away that it is blurred: a bright spot is then found more often, and is as much
 // dimmer. Tells how far what is used has grown, 0 to 1; negative where walls part even the smallest cell.
-static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, float3 *radiance)
+INLINED static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, float3 *radiance)
 {
     int level = cell_level(cache, p), wide = level + CACHE_COARSER;
     uint2 coarse = cell_key(cell_place(p, n, wide), n, wide);
@@ -138,22 +138,44 @@ static float3 side_of(const Scene *scene, uint place, float3 d)
     return dot3(n, d) > 0.0f ? -n : n;
 }
 
-// Light that a ray from `origin` finds at its hit: the cache's. Where the hit is nearer than a quarter of a cell, which would
-// take a corner's light from its surroundings, where walls part cells, and where the ray is a smooth surface's, which shows
-// what it meets, the surface there is looked at, and the cache a step later.
-static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
-                           float t, bool is_smooth, uint seed, uint *rays)
+// Light that a ray from `origin` finds at its hit, without that surface's own, by one path over the bounces that are asked for.
+// With the cache it is the cache's; where the hit is nearer than a quarter of a cell, which would take a corner's light from
+// its surroundings, where walls part cells, and where the ray is a smooth surface's, which shows what it meets, the surface
+// there is looked at, and the cache a step later.
+INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
+                           float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
 {
+    bool cached = shading->bounces == 0u && shading->cached;
     float3 p = origin + d * t, radiance;
-    if (!is_smooth && t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) && cached_radiance(cache, p, side_of(scene, place, d), t, &radiance) >= 0.0f)
+    if (cached && !is_smooth && t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) &&
+        cached_radiance(cache, p, side_of(scene, place, d), t, &radiance) >= 0.0f)
         return radiance;
-    Surface s = surface_at(scene, place, origin, 0.0f, d, is_smooth ? 0.0f : 0.05f * t);
-    if (s.unlit)
-        return 0.0f;
+    float3 sum = 0.0f, throughput = 1.0f;
     Step step;
-    take_step(scene, shading, &s, -d, seed, &step, rays);
-    if (!step.goes_on)
-        return step.direct;
+    step.origin = origin;
+    step.direction = d;
+    step.place = place;
+    step.t = t;
+    for (uint bounce = 0; bounce < max(shading->bounces, 1u); ++bounce) {
+        // A wide cone: what a bounce sees is blurred by the next one.
+        Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, cached && is_smooth ? 0.0f : 0.05f * step.t);
+        if (s.unlit)
+            return sum;
+#if HAS_GLASS
+        // Here it is met for what it reflects: paths that see through it were followed before.
+        if (!cached)
+            s.transmission = 0.0f;
+#endif
+        *kept = s;
+        take_step(scene, shading, kept, -step.direction, seed + 16u * bounce, &step, rays);
+        sum += throughput * step.direct;
+        if (!step.goes_on)
+            return sum;
+        throughput *= step.weight;
+        seed = hash(seed ^ 0x9e3779b9u);
+    }
+    if (!cached)
+        return sum;
     cached_radiance(cache, step.origin + step.direction * step.t, side_of(scene, step.place, step.direction), step.t, &radiance);
-    return step.direct + step.weight * radiance;
+    return sum + throughput * radiance;
 }

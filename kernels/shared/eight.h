@@ -153,7 +153,7 @@ static Vectors blend(Vectors a, Vectors b, float8 share)
 // As `texel_at`.
 static Vectors texels_at(const Scene *scene, const TextureInfo *info, uint level, float8 u, float8 v)
 {
-    Level l = level_of(scene, info, level);
+    Level l = level_of(scene->texels, info, level);
     int8 x = wrap_texels(convert_int8(floor(u * l.size.x)), l.size.x, info->packed >> 8 & 3u);
     int8 y = wrap_texels(convert_int8(floor(v * l.size.y)), l.size.y, info->packed >> 10 & 3u);
     return decode_texels(l.texels, y * l.size.x + x, info->packed);
@@ -164,7 +164,7 @@ static Vectors texture_levels(const Scene *scene, const TextureInfo *info, uint 
 {
     if (info->packed >> 13 & 1u && level == 0u)
         return texels_at(scene, info, level, u, v);
-    Level l = level_of(scene, info, level);
+    Level l = level_of(scene->texels, info, level);
     uint wrap_u = info->packed >> 8 & 3u, wrap_v = info->packed >> 10 & 3u;
     float8 x = u * l.size.x - 0.5f, y = v * l.size.y - 0.5f, left = floor(x), top = floor(y);
     int8 x0 = wrap_texels(convert_int8(left), l.size.x, wrap_u), x1 = wrap_texels(convert_int8(left) + 1, l.size.x, wrap_u);

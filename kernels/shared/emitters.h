@@ -63,10 +63,10 @@ typedef struct {
 } Descent;
 
 // Chooses an emitter for a surface with one number in [0, 1), and tells the chance of that; NONE where none is in sight.
-// All that a descent is used for is the same surface; its depth is 0 at first.
+// All that a descent is used for is the same surface; its depth is 0 at first. There is none where one is chosen alone.
 static uint choose_emitter(const Scene *scene, float3 p, float3 n, Descent *way, float u, float *chance)
 {
-    uint depth = way->depth;
+    uint depth = way ? way->depth : 0u;
     while (depth > 0u && !(u >= way->lower[depth - 1u] && u < way->upper[depth - 1u]))
         --depth;
     uint node = depth ? way->node[depth - 1u] : 0u;
@@ -74,7 +74,8 @@ static uint choose_emitter(const Scene *scene, float3 p, float3 n, Descent *way,
     float so_far = depth ? way->chance[depth - 1u] : 1.0f;
     for (;;) {
         uint link = scene->light_nodes[node].link;
-        way->depth = depth;
+        if (way)
+            way->depth = depth;
         *chance = so_far;
         if (link & LEAF)
             return link & ~LEAF;
@@ -88,7 +89,7 @@ static uint choose_emitter(const Scene *scene, float3 p, float3 n, Descent *way,
         so_far *= takes_first ? first : 1.0f - first;
         lower = takes_first ? lower : border;
         upper = takes_first ? border : upper;
-        if (depth < LIGHT_TREE_DEPTH) {
+        if (way && depth < LIGHT_TREE_DEPTH) {
             way->node[depth] = node;
             way->lower[depth] = lower;
             way->upper[depth] = upper;
@@ -192,4 +193,7 @@ static bool aim_at_emitter(const Scene *scene, const Shading *shading, const Sur
     aim->distance = distance * 0.9999f;
     return true;
 }
+#else
+// None is ever chosen.
+typedef struct Descent Descent;
 #endif

@@ -20,7 +20,7 @@ static uint4 texels_around(float2 uv, int width, int height, float2 *share)
 }
 
 // Bilinear radiance of the map.
-static float3 environment_radiance(const Scene *scene, const Shading *shading, float3 d)
+INLINED static float3 environment_radiance(const Scene *scene, const Shading *shading, float3 d)
 {
     float2 f;
     uint4 at = texels_around(environment_uv(d), (int)shading->environment_width, (int)shading->environment_height, &f);
@@ -45,7 +45,7 @@ static float environment_density(const Scene *scene, const Shading *shading, flo
 
 // A direction with the density stored in the table, uniform over the solid angle inside a cell, and that density; `u`
 // are 32-bit fractions.
-static float3 sample_environment(const Scene *scene, const Shading *shading, uint2 u, float *density)
+INLINED static float3 sample_environment(const Scene *scene, const Shading *shading, uint2 u, float *density)
 {
     uint width = shading->directions_width, height = shading->directions_height, count = width * height;
     // Of 32 bits a large table leaves few to decide with against thresholds; 8 more come from where the second

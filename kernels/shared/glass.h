@@ -21,7 +21,7 @@ typedef struct {
 
 // `u`: chooses the microfacet. `choice`: reflects below the interface's reflectance, which then is in no weight; at
 // 1 or more the ray passes, weighted by what is not reflected.
-static Onward cross_glass(const Surface *s, float3 d, float2 u, float choice)
+INLINED static Onward cross_glass(const Surface *s, float3 d, float2 u, float choice)
 {
     float3 view = -d, mirrored = sample_ggx(s, view, u);
     float3 h = unit_or(view + mirrored, s->normal);
@@ -51,7 +51,7 @@ static bool passes_glass(const Surface *s, uint seed) { return fraction(hash(see
 
 // Follows a ray from a crossing on until it sees something else, which `place` and `t` tell, seen along `on`; false
 // where that is the background, or nothing is left of its light.
-static bool follow_glass(const Scene *scene, Onward *on, const Surface *from, uint *place, float *t, uint *seed, uint *rays)
+INLINED static bool follow_glass(const Scene *scene, Onward *on, const Surface *from, uint *place, float *t, uint *seed, uint *rays)
 {
     // Inside of a solid from where it is left behind.
     bool inside = from->solid && (dot3(on->d, from->geometric) < 0.0f) != from->back;

@@ -31,7 +31,7 @@ static float3 glossy_radiance(const Scene *scene, const Shading *shading, float3
 }
 
 // What GGX reflects of white light from everywhere is f0 times the first plus the second (a fit, Karis 2014).
-static float2 white_reflection(float roughness, float nv)
+INLINED static float2 white_reflection(float roughness, float nv)
 {
     float4 r = fma((float4)roughness, (float4)(-1.0f, -0.0275f, -0.572f, 0.022f), (float4)(1.0f, 0.0425f, 1.04f, -0.04f));
     float a = fma(min(r.x * r.x, exp2(-9.28f * nv)), r.x, r.y);
@@ -48,7 +48,7 @@ static float3 mirrored(float3 n, float3 view, float roughness)
 
 // Light along `d` that a surface with shading normal n and geometric normal g reflects towards `view`, over specular_scale(f0),
 // where nothing hides it. What lies below the surface is faded out.
-static float3 expected_reflection(const Scene *scene, const Shading *shading, float3 n, float3 g, float3 view, float3 d,
+INLINED static float3 expected_reflection(const Scene *scene, const Shading *shading, float3 n, float3 g, float3 view, float3 d,
                                   float roughness, float3 f0)
 {
     float2 white = white_reflection(roughness, max(dot3(n, view), 1.0e-4f));

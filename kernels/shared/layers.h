@@ -34,7 +34,7 @@ static float facet_density(const Facets *f, float3 h)
 }
 
 // Distribution times Smith's height-correlated G over 4 nl nv (Heitz 2014).
-static float facet_reflection(const Facets *f, float3 view, float3 light)
+INLINED static float facet_reflection(const Facets *f, float3 view, float3 light)
 {
     float3 v = into(f, view), l = into(f, light);
     v.z = max(v.z, 1.0e-4f);
@@ -99,7 +99,7 @@ static float sheen_lobe(const Surface *s, float nl, float nv, float nh)
     return (2.0f + inverse) * pow(sine, inverse) / (2.0f * PI) / max(4.0f * (nl + nv - nl * nv), 1.0e-6f);
 }
 
-static Reflection layered_reflection(const Surface *s, float3 f0, float3 view, float3 light)
+INLINED static Reflection layered_reflection(const Surface *s, float3 f0, float3 view, float3 light)
 {
     Reflection r = {0.0f, 0.0f};
     float nl = dot3(s->normal, light), nv = max(dot3(s->normal, view), 1.0e-4f);
@@ -142,7 +142,7 @@ static float share_of_coat(const Surface *s, float3 f0, float3 view)
 }
 
 // As specular_share in bsdf.h: sheen is looked for where diffuse light is.
-static float layered_share(const Surface *s, float3 f0, float3 view)
+INLINED static float layered_share(const Surface *s, float3 f0, float3 view)
 {
     float m = 1.0f - clamp(dot3(s->normal, view), 0.0f, 1.0f);
     float f90 = mix(s->specular, 1.0f, s->metallic);
@@ -152,7 +152,7 @@ static float layered_share(const Surface *s, float3 f0, float3 view)
     return clamp(strength / max(strength + diffuse, 1.0e-6f), 0.1f, 0.9f);
 }
 
-static float3 sample_layered(const Surface *s, float3 view, float2 u)
+INLINED static float3 sample_layered(const Surface *s, float3 view, float2 u)
 {
     float coat = share_of_coat(s, specular_color(s), view);
     Facets facets = u.x < coat ? coat_of(s) : facets_of(s);
@@ -160,7 +160,7 @@ static float3 sample_layered(const Surface *s, float3 view, float2 u)
     return sample_facets(&facets, view, u);
 }
 
-static float layered_density(const Surface *s, float3 view, float3 light)
+INLINED static float layered_density(const Surface *s, float3 view, float3 light)
 {
     float coat = share_of_coat(s, specular_color(s), view);
     Facets facets = facets_of(s);

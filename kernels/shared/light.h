@@ -12,7 +12,7 @@ typedef struct {
 
 // `sunlit`: the sun's light is looked for here; guided reconstruction adds it at each pixel instead. `aimed`: some of
 // the rays are aimed at emitters.
-static Mixture mixture_at(const Scene *scene, const Surface *s, const Shading *shading, float3 f0, float3 view, bool sunlit, bool aimed)
+INLINED static Mixture mixture_at(const Scene *scene, const Surface *s, const Shading *shading, float3 f0, float3 view, bool sunlit, bool aimed)
 {
     Mixture m;
     m.sun = sunlit ? shading->sun_share : 0.0f;
@@ -34,7 +34,7 @@ static Mixture mixture_at(const Scene *scene, const Surface *s, const Shading *s
 }
 
 // Density of the directions that follow the surface's reflection.
-static float reflected_density(const Surface *s, const Mixture *m, float3 view, float3 light)
+INLINED static float reflected_density(const Surface *s, const Mixture *m, float3 view, float3 light)
 {
     return m->specular * specular_density(s, view, light) + m->diffuse * diffuse_density(s, light);
 }
@@ -50,7 +50,7 @@ typedef struct {
 
 // Density of the directions in which distant light is looked for; `reflected` is that of those that follow the
 // reflection.
-static float mixture_density(const Scene *scene, const Shading *shading, const Mixture *m, float reflected, const Chosen *chosen)
+INLINED static float mixture_density(const Scene *scene, const Shading *shading, const Mixture *m, float reflected, const Chosen *chosen)
 {
     float density = reflected;
     float3 light = chosen->light;
@@ -64,7 +64,7 @@ static float mixture_density(const Scene *scene, const Shading *shading, const M
 }
 
 // A direction of the mixture without its emitters: `select` in [0, 1 - m.emitters) chooses the technique.
-static Chosen sample_mixture(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 view,
+INLINED static Chosen sample_mixture(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 view,
                              float select, uint2 u)
 {
     float2 f = (float2)(fraction(u.x), fraction(u.y));
@@ -86,7 +86,7 @@ static Chosen sample_mixture(const Scene *scene, const Shading *shading, const S
 }
 
 // Environment light from direction d: the map dimmed by baked occlusion, the sun not.
-static float3 distant_light(const Scene *scene, const Shading *shading, float3 d, float occlusion, bool sunlit)
+INLINED static float3 distant_light(const Scene *scene, const Shading *shading, float3 d, float occlusion, bool sunlit)
 {
     float3 radiance = environment_radiance(scene, shading, d) * occlusion;
 #if HAS_SUN
@@ -96,63 +96,35 @@ static float3 distant_light(const Scene *scene, const Shading *shading, float3 d
     return radiance;
 }
 
-static uint add_punctual(const Scene *scene, const Shading *shading, const Surface *s, float3 f0, float3 view, uint seed,
-                         Reflection *sum)
+// Adds the light of punctual lights at a surface; how many rays that took.
+INLINED static uint add_punctual(const Scene *scene, const Shading *shading, KEPT const Surface *kept, float3 view, uint seed, Reflection *sum)
 {
     uint rays = 0;
-    float3 origin = leave_surface(s);
     for (uint i = 0; i < shading->lights; ++i) {
-        float3 direction;
+        float3 direction, light, origin;
         float distance;
-        float3 light = punctual(shading, scene->lights + i, s->position, &direction, &distance);
-        Reflection r = reflection(s, f0, view, direction);
-        if (!(max3(light) > 0.0f) || dot3(s->horizon, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
-            continue;
+        {
+            KEPT_SURFACE(s, kept);
+            light = punctual(shading, scene->lights + i, s->position, &direction, &distance);
+            if (!(max3(light) > 0.0f) || dot3(s->horizon, direction) <= 0.0f || dot3(s->normal, direction) <= 0.0f)
+                continue;
+            origin = leave_surface(s);
+            distance = distance_left(s, direction, distance);
+        }
         ++rays;
-        light *= light_along(scene, shading, origin, direction, distance_left(s, direction, distance), seed);
+        light *= light_along(scene, shading, origin, direction, distance, seed);
+        KEPT_SURFACE(s, kept);
+        Reflection r = reflection(s, specular_color(s), view, direction);
         sum->diffuse += r.diffuse * light;
         sum->specular += r.specular * light;
     }
     return rays;
 }
 
-#if HAS_EMITTERS
-// Light of one emitter that is aimed at beside a ray of mixture m, which may meet it as well.
-static uint add_emitter(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 f0, float3 view, uint seed, Reflection *sum)
-{
-    float3 origin = leave_surface(s);
-    float2 u = (float2)(fraction(hash(seed + 5u)), fraction(hash(seed + 6u)));
-    Aim aim;
-    Descent descent;
-    descent.depth = 0;
-    if (shading->light_nodes == 0u || !aim_at_emitter(scene, shading, s, origin, &descent, fraction(hash(seed + 7u)), u, &aim))
-        return 0;
-    float3 d = aim.direction;
-    if (dot3(s->horizon, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
-        return 0;
-    Reflection r = reflection(s, f0, view, d);
-    float t = aim.distance;
-    uint triangle;
-    // By the rays that emitters are met with: they see surfaces from their fronts.
-    if (trace_ray(scene, origin, 0.0f, d, &t, &triangle, CLOSEST_FRONT, seed))
-        return 1;
-    float3 light = aim.light;
-    float density = aim.density;
-    if (!aim.is_punctual) {
-        light = emitted_by(scene, scene->emitters[aim.emitter].place, origin, d, t, seed);
-        Chosen chosen = {d, false, -1.0f};
-        density += mixture_density(scene, shading, m, reflected_density(s, m, view, d), &chosen);
-    }
-    sum->diffuse += r.diffuse * light / density;
-    sum->specular += r.specular * light / density;
-    return 1;
-}
-#endif
-
 // Light of a surface's own that a ray from surface s meets at its end, where that counts: of a triangle that rays are
 // aimed at too by the balance heuristic. `reflected`: the density with which s sends rays there by other means, `aimed`:
 // how many rays are aimed for each of these.
-static float3 emission_met(const Scene *scene, const Shading *shading, const Surface *s, float3 origin, float3 d, uint place,
+INLINED static float3 emission_met(const Scene *scene, const Shading *shading, const Surface *s, float3 origin, float3 d, uint place,
                            float t, float reflected, float aimed)
 {
 #if HAS_EMITTERS
@@ -169,30 +141,11 @@ static float3 emission_met(const Scene *scene, const Shading *shading, const Sur
 #endif
 }
 
-#if HAS_SUN
-// Light of the sun, aimed at beside a ray of mixture m, which may find it as well.
-static uint add_sun(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 f0, float3 view,
-                    uint seed, Reflection *sum)
-{
-    float3 d = sample_sun(shading, (float2)(fraction(hash(seed + 8u)), fraction(hash(seed + 9u))));
-    if (!(shading->sun_share > 0.0f) || dot3(s->horizon, d) <= 0.0f || dot3(s->normal, d) <= 0.0f)
-        return 0;
-    float coming = light_along(scene, shading, leave_surface(s), d, INFINITY, seed);
-    if (!(coming > 0.0f))
-        return 1;
-    float3 light = load3(shading->sun_radiance) * coming;
-    Reflection r = reflection(s, f0, view, d);
-    Chosen chosen = {d, false, -1.0f};
-    float density = sun_density(shading) + mixture_density(scene, shading, m, reflected_density(s, m, view, d), &chosen);
-    sum->diffuse += r.diffuse * light / density;
-    sum->specular += r.specular * light / density;
-    return 1;
-}
-#endif
-
 // What a path finds at a surface: light that arrives there from lights of all kinds, reflected, and where it goes on.
 typedef struct {
     float3 direct;
+    // Light of all sources, to be weighed by the surface's colours.
+    Reflection lit;
     // Whether the ray of the mixture has met a surface: its hit, and what light from there counts.
     bool goes_on;
     float3 weight, origin, direction;
@@ -200,77 +153,182 @@ typedef struct {
     float t;
 } Step;
 
-// Adds light by rays to the sun, to an emitter, and one of the mixture, which meets the next surface. Not for unlit
-// surfaces.
-CALLED static void take_step(const Scene *scene, const Shading *shading, const Surface *s, float3 view,
-                                                uint seed, Step *step, uint *rays)
+// What a ray of a step looks for.
+#define FOR_PUNCTUAL 0u
+#define FOR_SUN 1u
+#define FOR_EMITTER 2u
+#define FOR_ANYTHING 3u
+
+// A ray of a step: its direction, and its end, what it brings if it meets nothing, and by what density that is divided.
+typedef struct {
+    uint sought;
+    float3 d;
+    float t;
+    float3 light;
+    float density;
+    // The emitter's triangle, whose light is known when the ray has arrived; NONE where it is no triangle.
+    uint target;
+} StepRay;
+
+// Sets ray i of a step at surface s: one for each punctual light, one for the sun, one for an emitter, one of mixture m. False
+// where it is not needed.
+INLINED static bool aim_step(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 view, float3 origin,
+                     uint seed, uint i, StepRay *r)
 {
-    float3 f0 = specular_color(s), base = diffuse_color(s), origin = leave_surface(s);
-    Reflection lit = {0.0f, 0.0f};
-    *rays += add_punctual(scene, shading, s, f0, view, seed, &lit);
-    Mixture m = mixture_at(scene, s, shading, f0, view, false, false);
+    r->t = INFINITY;
+    r->density = 1.0f;
+    r->target = NONE;
+    r->sought = i < shading->lights ? FOR_PUNCTUAL : FOR_SUN + i - shading->lights;
+    if (r->sought == FOR_PUNCTUAL) {
+        r->light = punctual(shading, scene->lights + i, s->position, &r->d, &r->t);
+        if (!(max3(r->light) > 0.0f))
+            return false;
+        r->t = distance_left(s, r->d, r->t);
+    }
 #if HAS_SUN
-    *rays += add_sun(scene, shading, s, &m, f0, view, seed, &lit);
+    if (r->sought == FOR_SUN) {
+        r->d = sample_sun(shading, (float2)(fraction(hash(seed + 8u)), fraction(hash(seed + 9u))));
+        r->light = load3(shading->sun_radiance);
+        if (!(shading->sun_share > 0.0f))
+            return false;
+    }
+#else
+    if (r->sought == FOR_SUN)
+        return false;
 #endif
 #if HAS_EMITTERS
-    *rays += add_emitter(scene, shading, s, &m, f0, view, seed, &lit);
-#endif
-    step->direct = base * lit.diffuse + specular_scale(f0) * lit.specular;
-    step->goes_on = false;
-    uint2 u = (uint2)(hash(seed + 1u), hash(seed + 2u));
-    Chosen chosen = sample_mixture(scene, shading, s, &m, view, fraction(hash(seed + 3u)), u);
-    float3 light = chosen.light;
-    float density = mixture_density(scene, shading, &m, reflected_density(s, &m, view, light), &chosen);
-    Reflection r = reflection(s, f0, view, light);
-    if (!(density > 0.0f) || dot3(s->horizon, light) <= 0.0f)
-        return;
-    float3 weight = (base * r.diffuse + specular_scale(f0) * r.specular) / density;
-    ++*rays;
-    float t = INFINITY;
-    uint place = NONE;
-    if (!trace_ray(scene, origin, 0.0f, light, &t, &place, CLOSEST_OR_BACK, seed)) {
-        // What passes behind a single-sided surface is still kept from the sky by it.
-        if (place == BACK_MET)
-            return;
-        float3 distant = environment_radiance(scene, shading, light) * s->occlusion;
-#if HAS_SUN
-        if (inside_sun(shading, light))
-            distant += load3(shading->sun_radiance) * (density / (density + sun_density(shading)));
-#endif
-        step->direct += weight * distant;
-        return;
+    if (r->sought == FOR_EMITTER) {
+        float2 u = (float2)(fraction(hash(seed + 5u)), fraction(hash(seed + 6u)));
+        Aim aim;
+        if (shading->light_nodes == 0u || !aim_at_emitter(scene, shading, s, origin, 0, fraction(hash(seed + 7u)), u, &aim))
+            return false;
+        r->d = aim.direction;
+        r->t = aim.distance;
+        r->light = aim.light;
+        r->density = aim.density;
+        r->target = aim.is_punctual ? NONE : scene->emitters[aim.emitter].place;
     }
-    step->direct += weight * emission_met(scene, shading, s, origin, light, place, t, density, 1.0f);
-    step->goes_on = true;
-    step->weight = weight;
-    step->origin = origin;
-    step->direction = light;
-    step->place = place;
-    step->t = t;
+#else
+    if (r->sought == FOR_EMITTER)
+        return false;
+#endif
+    if (r->sought == FOR_ANYTHING) {
+        uint2 u = (uint2)(hash(seed + 1u), hash(seed + 2u));
+        Chosen chosen = sample_mixture(scene, shading, s, m, view, fraction(hash(seed + 3u)), u);
+        r->d = chosen.light;
+        r->density = mixture_density(scene, shading, m, reflected_density(s, m, view, r->d), &chosen);
+        return r->density > 0.0f && !(dot3(s->horizon, r->d) <= 0.0f);
+    }
+    return !(dot3(s->horizon, r->d) <= 0.0f) && !(dot3(s->normal, r->d) <= 0.0f);
 }
 
-// Radiance, without its own, that leaves the surface which a ray from `origin` meets at t, over `bounces` further
-// surfaces, with one path.
-static float3 follow_path(const Scene *scene, const Shading *shading, float3 origin, float3 d, uint place, float t,
-                          uint bounces, uint seed, uint *rays)
+// Light of a ray that has met nothing. That of suns and triangles counts by the density of all rays that may find it.
+INLINED static float3 light_of_source(const Scene *scene, const Shading *shading, const Surface *s, const Mixture *m, float3 view, float3 origin,
+                              uint seed, float coming, StepRay *r)
 {
-    float3 sum = 0.0f, throughput = 1.0f;
-    Step step = {0.0f, true, 1.0f, origin, d, place, t};
-    for (uint bounce = 0; bounce < bounces; ++bounce) {
-        // A wide cone: what a bounce sees is blurred by the next one.
-        Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, 0.05f * step.t);
-        if (s.unlit)
-            break;
-#if HAS_GLASS
-        // Here it is met for what it reflects: paths that see through it were followed before.
-        s.transmission = 0.0f;
+    if (r->sought != FOR_PUNCTUAL && !(r->sought == FOR_EMITTER && r->target == NONE)) {
+        Chosen chosen = {r->d, false, -1.0f};
+#if HAS_SUN
+        if (r->sought == FOR_SUN)
+            r->density = sun_density(shading);
 #endif
-        take_step(scene, shading, &s, -step.direction, seed + 16u * bounce, &step, rays);
-        sum += throughput * step.direct;
-        if (!step.goes_on)
-            break;
-        throughput *= step.weight;
-        seed = hash(seed ^ 0x9e3779b9u);
+        r->density += mixture_density(scene, shading, m, reflected_density(s, m, view, r->d), &chosen);
     }
-    return sum;
+#if HAS_EMITTERS
+    if (r->target != NONE)
+        return emitted_by(scene, r->target, origin, r->d, r->t, seed);
+#endif
+    return r->sought == FOR_EMITTER ? r->light : r->light * coming;
+}
+
+// Light from infinitely far that the ray of a step's mixture finds.
+static float3 distant_light_of_step(const Scene *scene, const Shading *shading, const Surface *s, const StepRay *r)
+{
+    float3 distant = environment_radiance(scene, shading, r->d) * s->occlusion;
+#if HAS_SUN
+    if (inside_sun(shading, r->d))
+        distant += load3(shading->sun_radiance) * (r->density / (r->density + sun_density(shading)));
+#endif
+    return distant;
+}
+
+// What the rays of a step are weighed by at its surface.
+typedef struct {
+    float3 f0, base;
+    Mixture mixture;
+} Weights;
+
+INLINED static Weights weights_of_step(const Scene *scene, const Shading *shading, const Surface *s, float3 view)
+{
+    Weights w;
+    w.f0 = specular_color(s);
+    w.base = diffuse_color(s);
+    w.mixture = mixture_at(scene, s, shading, w.f0, view, false, false);
+    return w;
+}
+
+// The surface of a step and its weights: read once, or on GPUs for each ray before and after it is traced.
+#if SINGLE_RAYS
+#define READ_ONCE
+#define READ_AGAIN \
+    KEPT_SURFACE(s, kept); \
+    Weights w = weights_of_step(scene, shading, s, view)
+#else
+#define READ_ONCE \
+    const Surface *s = kept; \
+    Weights w = weights_of_step(scene, shading, s, view)
+#define READ_AGAIN
+#endif
+
+// Weighs what a ray of a step has found; `coming`: the share of its light that comes.
+INLINED static void weigh_step(const Scene *scene, const Shading *shading, const Surface *s, const Weights *w, float3 view, uint seed, float coming, uint place,
+                               StepRay *r, Step *step)
+{
+    float3 origin = leave_surface(s);
+    Reflection reflected = reflection(s, w->f0, view, r->d);
+    if (r->sought != FOR_ANYTHING) {
+        float3 light = light_of_source(scene, shading, s, &w->mixture, view, origin, seed, coming, r);
+        step->lit.diffuse += reflected.diffuse * light / r->density;
+        step->lit.specular += reflected.specular * light / r->density;
+        return;
+    }
+    step->goes_on = !(coming > 0.0f);
+    step->weight = (w->base * reflected.diffuse + specular_scale(w->f0) * reflected.specular) / r->density;
+    step->origin = origin;
+    step->direction = r->d;
+    step->place = place;
+    step->t = r->t;
+    step->direct = step->weight * (step->goes_on ? emission_met(scene, shading, s, origin, r->d, place, r->t, r->density, 1.0f)
+                                                 : distant_light_of_step(scene, shading, s, r));
+}
+
+// Adds light by rays to punctual lights, to the sun, to an emitter, and one of the mixture, which meets the next surface. Not
+// for unlit surfaces. All of them are traced in one place: graphics cards have the code of each place in registers.
+CALLED INLINED static void take_step(const Scene *scene, const Shading *shading, KEPT const Surface *kept, float3 view, uint seed, Step *step, uint *rays)
+{
+    READ_ONCE;
+    step->lit.diffuse = step->lit.specular = 0.0f;
+    step->direct = 0.0f;
+    step->goes_on = false;
+    for (uint i = 0; i < shading->lights + 3u; ++i) {
+        StepRay r;
+        float3 origin;
+        {
+            READ_AGAIN;
+            origin = leave_surface(s);
+            if (!aim_step(scene, shading, s, &w.mixture, view, origin, seed, i, &r))
+                continue;
+        }
+        ++*rays;
+        // Emitters are seen by the rays that they are met with: those see surfaces from their fronts.
+        uint place = NONE, kind = r.sought == FOR_ANYTHING ? CLOSEST_OR_BACK : r.sought == FOR_EMITTER ? CLOSEST_FRONT : ANY;
+        float coming = light_through(scene, shading, origin, r.d, &r.t, &place, kind, seed);
+        // What passes behind a single-sided surface is still kept from the sky by it.
+        if (r.sought == FOR_ANYTHING ? place == BACK_MET && coming > 0.0f : !(coming > 0.0f))
+            continue;
+        READ_AGAIN;
+        weigh_step(scene, shading, s, &w, view, seed, coming, place, &r, step);
+    }
+    READ_AGAIN;
+    step->direct += w.base * step->lit.diffuse + specular_scale(w.f0) * step->lit.specular;
 }

@@ -5,9 +5,11 @@
 #if CALLS
 #define CALLED __attribute__((noinline))
 #define INLINED
+#define SMALL_CALLED
 #else
 #define CALLED
 #define INLINED __attribute__((always_inline))
+#define SMALL_CALLED __attribute__((noinline))
 #endif
 
 // Contraction would break the exact antisymmetry of cross products that watertightness rests on;

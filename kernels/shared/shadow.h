@@ -7,7 +7,7 @@
 #define LEAST_LIGHT (1.0f / 512.0f)
 
 // What a surface hides, of light along d, at a hit of a ray from `origin`; `*beyond` is where the light comes from there.
-static float hidden_at(const Scene *scene, uint triangle, float3 origin, float3 d, float3 *beyond)
+INLINED static float hidden_at(const Scene *scene, uint triangle, float3 origin, float3 d, float3 *beyond)
 {
     uint packed = packed_of(scene, triangle);
     if (!(packed & TRIANGLE_ALPHA))
@@ -24,30 +24,38 @@ static float hidden_at(const Scene *scene, uint triangle, float3 origin, float3 
     return hidden;
 }
 
-CALLED static float dimmed_light(const Scene *scene, float3 origin, float3 d, float t_max, uint seed)
+// The share of light that comes along a ray from before *t, which what lets a part of it through dims where whole sources
+// are looked for (ANY); 0 where the ray meets something, which *place and *t tell then.
+CALLED INLINED static float light_through(const Scene *scene, const Shading *shading, float3 origin, float3 d, float *t, uint *place, uint kind,
+                                  uint seed)
 {
+    bool dims = kind == ANY && shading->translucent;
     float left = 1.0f;
-    uint triangle;
-    for (uint i = 0; i < DIMMING_LAYERS && left > LEAST_LIGHT; ++i) {
-        float t = t_max;
-        if (!trace_ray(scene, origin, 0.0f, d, &t, &triangle, PASSED, seed))
+    for (uint layer = 0;; ++layer) {
+        bool looks = dims && layer < DIMMING_LAYERS && left > LEAST_LIGHT;
+        float whole = *t;
+        if (!(left > 0.0f))
+            return 0.0f;
+        if (!trace_ray(scene, origin, 0.0f, d, t, place, looks ? PASSED : kind, seed))
             return left;
+        if (!looks)
+            return 0.0f;
         float3 beyond = origin;
-        left *= 1.0f - hidden_at(scene, triangle, origin, d, &beyond);
+        left *= 1.0f - hidden_at(scene, *place, origin, d, &beyond);
         origin = beyond;
-        t_max -= t;
+        *t = whole - *t;
     }
-    return left > 0.0f && !trace_ray(scene, origin, 0.0f, d, &t_max, &triangle, ANY, seed) ? left : 0.0f;
+}
+#else
+INLINED static float light_through(const Scene *scene, const Shading *shading, float3 origin, float3 d, float *t, uint *place, uint kind, uint seed)
+{
+    return trace_ray(scene, origin, 0.0f, d, t, place, kind, seed) ? 0.0f : 1.0f;
 }
 #endif
 
 // The share of light that comes along a ray from before t_max.
-static float light_along(const Scene *scene, const Shading *shading, float3 origin, float3 d, float t_max, uint seed)
+INLINED static float light_along(const Scene *scene, const Shading *shading, float3 origin, float3 d, float t_max, uint seed)
 {
-#if HAS_ALPHA
-    if (shading->translucent)
-        return dimmed_light(scene, origin, d, t_max, seed);
-#endif
-    uint triangle;
-    return trace_ray(scene, origin, 0.0f, d, &t_max, &triangle, ANY, seed) ? 0.0f : 1.0f;
+    uint place;
+    return light_through(scene, shading, origin, d, &t_max, &place, ANY, seed);
 }

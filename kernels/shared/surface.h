@@ -208,7 +208,10 @@ typedef struct {
 
 static float4 lookup(const Scene *scene, __global const TextureUse *use, const Coordinates *at)
 {
-    return sample_texture(scene, use, at->uv[use->uv_slot], at->footprint[use->uv_slot]);
+    // Chosen, since what is indexed lies in memory.
+    bool second = use->uv_slot != 0u;
+    return sample_texture(scene->textures, scene->texels, scene->srgb, use, second ? at->uv[1] : at->uv[0],
+                          second ? at->footprint[1] : at->footprint[0]);
 }
 #endif
 
@@ -233,7 +236,7 @@ static float hit_alpha(const Scene *scene, uint place, uint packed, float3 w)
 #if HAS_TEXTURES
     if (material->textures[0].texture != NONE) {
         __global const float2 *uv = material->textures[0].uv_slot ? scene->uv1 : scene->uv0;
-        alpha *= sample_texture(scene, &material->textures[0], mix_uv(uv, index, w), 0.0f).w;
+        alpha *= sample_texture(scene->textures, scene->texels, scene->srgb, &material->textures[0], mix_uv(uv, index, w), 0.0f).w;
     }
 #endif
 #if HAS_VERTEX_COLORS
@@ -439,15 +442,31 @@ static void add_layers(const Scene *scene, const Spot *spot, float3 d, float3 n,
 }
 #endif
 
+// Where rays leave a facet, seen along d at a spot with weights w: all that the surface's look has no part in.
+static void place_surface(const Facet *f, float3 w, float3 d, Surface *s)
+{
+    s->position = f->corners[0] * w.x + f->corners[1] * w.y + f->corners[2] * w.z;
+    s->offset = f->offset;
+    bool behind = dot3(f->geometric, d) > 0.0f;
+    s->geometric = behind ? -f->geometric : f->geometric;
+    Bend bend = bend_of(f);
+    s->rise = 0.0f;
+    s->horizon = s->geometric;
+    if (bend.bent & (behind ? 2u : 1u)) {
+        float3 smooth = unit_or(f->normals[0] * w.x + f->normals[1] * w.y + f->normals[2] * w.z, f->geometric);
+        s->rise = rise_over(f, &bend, w, behind ? -1.0f : 1.0f);
+        s->horizon = smooth * (behind ? -1.0f : 1.0f);
+    }
+}
+
 // The surface where ray d from `origin` meets triangle `place`; `width` is the ray cone's width there.
-CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
+CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
 {
     Surface s;
     Facet f = facet_of(scene, place, origin, low);
     Spot spot = spot_on(scene, &f, d, width);
     __global const Material *material = f.material;
-    s.position = f.corners[0] * spot.weights.x + f.corners[1] * spot.weights.y + f.corners[2] * spot.weights.z;
-    s.offset = f.offset;
+    place_surface(&f, spot.weights, d, &s);
     float3 n = smooth_normal(&spot);
     s.base = base_at(scene, &spot);
     s.emission = emission_at(scene, &spot);
@@ -480,15 +499,6 @@ CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, 
         s.emission = s.base;
         s.base = 0.0f;
     }
-    bool behind = dot3(f.geometric, d) > 0.0f;
-    s.geometric = behind ? -f.geometric : f.geometric;
-    Bend bend = bend_of(&f);
-    s.rise = 0.0f;
-    s.horizon = s.geometric;
-    if (bend.bent & (behind ? 2u : 1u)) {
-        s.rise = rise_over(&f, &bend, spot.weights, behind ? -1.0f : 1.0f);
-        s.horizon = smooth_normal(&spot) * (behind ? -1.0f : 1.0f);
-    }
     s.smooth = face_viewer(smooth_normal(&spot), d, f.geometric);
     s.normal = face_viewer(n, d, f.geometric);
     s.metallic = clamp(s.metallic, 0.0f, 1.0f);
@@ -502,6 +512,24 @@ CALLED static Surface surface_at(const Scene *scene, uint place, float3 origin, 
 #endif
     return s;
 }
+
+// Where a surface waits while rays that leave it are traced: on GPUs in memory, so that registers are free for rays. What it is
+// read by comes from memory anew after each ray.
+#if SINGLE_RAYS
+#define KEPT __global
+#define KEPT_SURFACE(name, kept) \
+    mem_fence(CLK_GLOBAL_MEM_FENCE); \
+    Surface name##_read = *(kept); \
+    const Surface *name = &name##_read
+
+// The host sets aside SURFACE_BYTES for each.
+typedef char SurfaceFits[sizeof(Surface) <= SURFACE_BYTES ? 1 : -1];
+
+static __global Surface *surface_kept(__global uint *surfaces, uint i) { return (__global Surface *)surfaces + i; }
+#else
+#define KEPT
+#define KEPT_SURFACE(name, kept) const Surface *name = (kept)
+#endif
 
 // Where rays that leave the surface start: off it by the rounding of everything that led there.
 static float3 leave_surface(const Surface *s) { return s->position + s->geometric * (s->offset + s->rise); }

@@ -22,11 +22,17 @@ static float wrap_coordinate(float u, uint mode)
     return mode == 1u ? u - 2.0f * floor(u * 0.5f) : clamp(u, -1.0f, 2.0f);
 }
 
-static float4 decode_texel(const Scene *scene, uint texel, uint packed)
+// The texels of all textures, and the light of bytes in sRGB.
+typedef struct {
+    __global const uint *bytes;
+    __global const float *srgb;
+} Texels;
+
+static float4 decode_texel(const Texels *texels, uint texel, uint packed)
 {
     uchar4 bytes = as_uchar4(texel);
     if (packed >> 12 & 1u)
-        return (float4)(scene->srgb[bytes.x], scene->srgb[bytes.y], scene->srgb[bytes.z], bytes.w * (1.0f / 255.0f));
+        return (float4)(texels->srgb[bytes.x], texels->srgb[bytes.y], texels->srgb[bytes.z], bytes.w * (1.0f / 255.0f));
     return convert_float4(bytes) * (1.0f / 255.0f);
 }
 
@@ -36,7 +42,7 @@ typedef struct {
     int2 size;
 } Level;
 
-static Level level_of(const Scene *scene, const TextureInfo *info, uint level)
+static Level level_of(__global const uint *bytes, const TextureInfo *info, uint level)
 {
     uint offset = info->offset;
     int2 size = (int2)((int)info->width, (int)info->height);
@@ -44,30 +50,30 @@ static Level level_of(const Scene *scene, const TextureInfo *info, uint level)
         offset += (uint)size.x * (uint)size.y;
         size = max(size >> 1, 1);
     }
-    Level l = {scene->texels + offset, size};
+    Level l = {bytes + offset, size};
     return l;
 }
 
-static float4 texel_at(const Scene *scene, const TextureInfo *info, uint level, float2 uv)
+static float4 texel_at(const Texels *texels, const TextureInfo *info, uint level, float2 uv)
 {
-    Level l = level_of(scene, info, level);
+    Level l = level_of(texels->bytes, info, level);
     uv *= convert_float2(l.size);
     int x = wrap_texel((int)floor(uv.x), l.size.x, info->packed >> 8 & 3u);
     int y = wrap_texel((int)floor(uv.y), l.size.y, info->packed >> 10 & 3u);
-    return decode_texel(scene, l.texels[y * l.size.x + x], info->packed);
+    return decode_texel(texels, l.texels[y * l.size.x + x], info->packed);
 }
 
-static float4 texture_level(const Scene *scene, const TextureInfo *info, uint level, float2 uv)
+static float4 texture_level(const Texels *texels, const TextureInfo *info, uint level, float2 uv)
 {
     if (info->packed >> 13 & 1u && level == 0u)
-        return texel_at(scene, info, level, uv);
-    Level l = level_of(scene, info, level);
+        return texel_at(texels, info, level, uv);
+    Level l = level_of(texels->bytes, info, level);
     uint wrap_u = info->packed >> 8 & 3u, wrap_v = info->packed >> 10 & 3u;
     float2 at = uv * convert_float2(l.size) - 0.5f, base = floor(at), f = at - base;
     int x0 = wrap_texel((int)base.x, l.size.x, wrap_u), x1 = wrap_texel((int)base.x + 1, l.size.x, wrap_u);
     int y0 = wrap_texel((int)base.y, l.size.y, wrap_v) * l.size.x, y1 = wrap_texel((int)base.y + 1, l.size.y, wrap_v) * l.size.x;
-    float4 top = mix(decode_texel(scene, l.texels[y0 + x0], info->packed), decode_texel(scene, l.texels[y0 + x1], info->packed), f.x);
-    float4 bottom = mix(decode_texel(scene, l.texels[y1 + x0], info->packed), decode_texel(scene, l.texels[y1 + x1], info->packed), f.x);
+    float4 top = mix(decode_texel(texels, l.texels[y0 + x0], info->packed), decode_texel(texels, l.texels[y0 + x1], info->packed), f.x);
+    float4 bottom = mix(decode_texel(texels, l.texels[y1 + x0], info->packed), decode_texel(texels, l.texels[y1 + x1], info->packed), f.x);
     return mix(top, bottom, f.y);
 }
 
@@ -96,15 +102,17 @@ static float level_of_detail(__global const TextureUse *use, const TextureInfo *
 // which spares more than half of the second look-ups and does not show. The share of the coarser one.
 static float blend_of_levels(float lod) { return clamp((lod - floor(lod)) * 2.5f - 0.75f, 0.0f, 1.0f); }
 
-static float4 sample_texture(const Scene *scene, __global const TextureUse *use, float2 uv, float footprint)
+SMALL_CALLED static float4 sample_texture(__global const TextureInfo *infos, __global const uint *bytes, __global const float *srgb,
+                                          __global const TextureUse *use, float2 uv, float footprint)
 {
-    TextureInfo info = scene->textures[use->texture];
+    Texels all = {bytes, srgb}, *texels = &all;
+    TextureInfo info = infos[use->texture];
     float2 at = place_in_texture(use, &info, uv);
     float lod = level_of_detail(use, &info, footprint);
     uint level = (uint)lod;
     float blend = blend_of_levels(lod);
     if (blend >= 1.0f)
-        return texture_level(scene, &info, level + 1u, at);
-    float4 fine = texture_level(scene, &info, level, at);
-    return blend > 0.0f ? mix(fine, texture_level(scene, &info, level + 1u, at), blend) : fine;
+        return texture_level(texels, &info, level + 1u, at);
+    float4 fine = texture_level(texels, &info, level, at);
+    return blend > 0.0f ? mix(fine, texture_level(texels, &info, level + 1u, at), blend) : fine;
 }

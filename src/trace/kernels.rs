@@ -114,6 +114,16 @@ kernels! {
         camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, layers: &Buffer<u32>,
         records: &Buffer<VisibilityRecord>,
     );
+    /// Finds how much of the sun's light comes to pixels, on GPUs.
+    TraceSun = trace_sun(
+        scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+    );
+    /// Looks at what pixels mirror, on GPUs.
+    ShadeMirrors = shade_mirrors(
+        scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+    );
     /// Describes what pixels see.
     DescribePixels = describe_pixels(
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
@@ -130,6 +140,52 @@ kernels! {
         hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>, records: &Buffer<SampleRecord>,
         info: &CacheInfo, keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
     );
+    /// Looks at what samples see.
+    BeginSamples = begin_samples(
+        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        hits: &Buffer<HitRecord>, states: &Buffer<u32>,
+    );
+    /// Finds where a part of the sun is hidden from samples.
+    TraceSunRays = trace_sun_rays(
+        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Chooses the light rays of samples.
+    GenerateLightRays = generate_light_rays(
+        scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
+        light_rays: &Buffer<u32>, queue: &Buffer<u32>,
+    );
+    /// Traces them.
+    IntersectLightRays = intersect_light_rays(
+        scene: SceneOf, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>, queue: &Buffer<u32>,
+    );
+    /// Looks at the surfaces that they have met.
+    ShadeLightHits = shade_light_hits(
+        scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
+        light_rays: &Buffer<u32>, queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
+        cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
+    );
+    /// Adds up what they bring.
+    ResolveLight = resolve_light(
+        scene: SceneOf, asked: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        counters: &Buffer<u32>,
+    );
+    /// Follows light through the glass of samples.
+    ShadeGlass = shade_glass(
+        scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, info: &CacheInfo,
+        keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
+        kept_surfaces: &Buffer<u32>,
+    );
+    /// Adds light of punctual lights.
+    ShadePunctual = shade_punctual(
+        scene: SceneOf, shading: &Shading, count: u32, states: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Writes the records of samples.
+    EndSamples = end_samples(
+        camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, records: &Buffer<SampleRecord>,
+        counters: &Buffer<u32>,
+    );
     /// Gathers the records of tiles.
     PackVisibility = pack_visibility(
         camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, records: &Buffer<VisibilityRecord>,
@@ -139,7 +195,7 @@ kernels! {
     LightCells = light_cells(
         scene: SceneOf, camera: &Camera, shading_of_view: &Shading, info: &CacheInfo, samples: &Buffer<u32>,
         count: u32, keys: &Buffer<u32>, cells: &Buffer<CacheCell>, sums: &Buffer<CacheSum>, touched: &Buffer<u32>,
-        counters: &Buffer<u32>,
+        counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
     );
     /// Takes in what was brought.
     SettleCells = settle_cells(

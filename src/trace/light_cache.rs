@@ -24,6 +24,7 @@ use crate::gpu::opencl::{Buffer, Device, Event, Program, Transfer};
 use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
 
 use super::kernels::{ForgetCells, Grid, LightCells, SceneOf, SettleCells};
+use super::source::SURFACE_BYTES;
 use super::{SceneBuffers, TracePattern, Traversal};
 
 /// Paths that bring light to the cache in each frame of a view while it is new: fewer learn a view too slowly, however
@@ -41,6 +42,9 @@ const MOVING_HALF_LIFE: f32 = 12.0;
 const LIFETIME: u32 = 512;
 /// Work-items that forget and settle cells.
 const SETTLERS: usize = 64;
+
+/// What a kernel is given that looks the cache up: it as a whole, keys and cells.
+pub(super) type LookedUp<'a> = (&'a CacheInfo, Option<&'a Buffer<u32>>, Option<&'a Buffer<CacheCell>>);
 
 /// A device's cache and its kernels.
 #[derive(Debug)]
@@ -62,6 +66,8 @@ struct Memory {
     cells: Buffer<CacheCell>,
     sums: Buffer<CacheSum>,
     touched: Buffer<u32>,
+    /// A surface for each path, on GPUs.
+    kept_surfaces: Buffer<u32>,
     /// Rays, and cells in `touched`.
     counters: Buffer<u32>,
 }
@@ -98,7 +104,7 @@ impl LightCache {
     }
 
     /// What a kernel is given that looks the cache up: it as a whole, keys and cells.
-    pub fn looked_up(&self) -> (&CacheInfo, Option<&Buffer<u32>>, Option<&Buffer<CacheCell>>) {
+    pub fn looked_up(&self) -> LookedUp<'_> {
         let memory = self.memory.as_ref();
         (&self.info, memory.map(|m| &m.keys), memory.map(|m| &m.cells))
     }
@@ -116,14 +122,14 @@ impl LightCache {
     ) -> Result<[Event; 3]> {
         let memory = match self.memory.take() {
             Some(memory) => memory,
-            None => Memory::new(device)?,
+            None => Memory::new(device, self.traversal)?,
         };
         let memory = self.memory.insert(memory);
         self.info.frame = step as u32;
         self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
         memory.counters.fill_zero()?;
         let (info, group) = (&self.info, self.traversal.group());
-        let Memory { keys, cells, sums, touched, counters } = memory;
+        let Memory { keys, cells, sums, touched, kept_surfaces, counters } = memory;
         let settlers = Grid { items: SETTLERS, group };
         let forget = self.forget_cells.launch(settlers, info, keys, cells)?;
         let light = self.light_cells.launch(
@@ -139,6 +145,7 @@ impl LightCache {
             sums,
             touched,
             counters,
+            kept_surfaces,
         )?;
         let settle = self.settle_cells.launch(settlers, info, cells, sums, touched, counters)?;
         Ok([forget, light, settle])
@@ -151,13 +158,15 @@ impl LightCache {
 }
 
 impl Memory {
-    fn new(device: &Device) -> Result<Self> {
+    fn new(device: &Device, traversal: Traversal) -> Result<Self> {
+        let paths = if traversal == Traversal::SingleRay { PATHS as usize } else { 0 };
         let cells = CACHE_CELLS as usize;
         Ok(Memory {
             keys: Buffer::zeroed(device, cells)?,
             cells: Buffer::zeroed(device, cells)?,
             sums: Buffer::zeroed(device, cells)?,
             touched: Buffer::new(device, cells)?,
+            kept_surfaces: Buffer::new(device, paths * SURFACE_BYTES / size_of::<u32>())?,
             counters: Buffer::new(device, 2)?,
         })
     }

@@ -15,7 +15,7 @@ use super::{Traversal, Traversals, deformed_bytes};
 use crate::bvh::compact::compact_nodes;
 use crate::bvh::{Parted, Trees};
 use crate::error::{Error, Result};
-use crate::gpu::opencl::{Arg, Buffer, Device, DeviceInfo};
+use crate::gpu::opencl::{Arg, Buffer, Device};
 use crate::layout::{self, pack_normal};
 use crate::scene::glossy;
 use crate::scene::importance::DirectionTable;
@@ -253,25 +253,23 @@ impl SceneData {
     /// # Errors
     /// [`Error::Device`] with what is too large.
     pub fn check_fit(&self, device: &Device, traversals: Traversals) -> Result<()> {
-        self.check_fit_with_stacks(device, traversals, 0)
+        self.check_fit_beside(device, traversals, 0)
     }
 
-    /// The same where a work-item of some kernel needs `stack` bytes of its own: drivers of graphics cards set
-    /// them aside for all work-items that may run at once.
+    /// The same where kernels need `working` bytes beside the scene.
     ///
     /// # Errors
     /// As [`SceneData::check_fit`].
-    pub fn check_fit_with_stacks(&self, device: &Device, traversals: Traversals, stack: u64) -> Result<()> {
+    pub fn check_fit_beside(&self, device: &Device, traversals: Traversals, working: u64) -> Result<()> {
         let bytes = self.bytes(traversals);
         let sum: u64 = bytes.iter().map(|b| b.bytes as u64).sum();
         let refuse = |problem: String| Err(Error::Device { device: device.info().name.clone(), problem });
         let info = device.info();
-        let stacks = stacks(info, stack);
-        if stacks > 0 && info.memory > 0 && sum + stacks > info.memory {
+        if working > 0 && info.memory > 0 && sum + working > info.memory {
             return refuse(format!(
-                "the scene needs {} MiB, its kernels' stacks {} MiB, and it has {}; use a smaller scene, trace.traversal=packet, or leave this device out with --devices",
+                "the scene needs {} MiB, its kernels' stacks and light rays {} MiB, and it has {}; use a smaller scene, trace.traversal=packet, or leave this device out with --devices",
                 sum.div_ceil(1 << 20),
-                stacks.div_ceil(1 << 20),
+                working.div_ceil(1 << 20),
                 info.memory >> 20
             ));
         }
@@ -296,13 +294,6 @@ impl SceneData {
     fn compact(&self) -> &[layout::CompactNode] {
         self.compact.get_or_init(|| compact_nodes(&self.nodes))
     }
-}
-
-/// Bytes that a driver sets aside for the stacks of all work-items that may run at once: 2048 on a unit of a
-/// graphics card (NVIDIA's limit from compute capability 7.0 on, but for 7.5 and 8.x, which have fewer).
-fn stacks(info: &DeviceInfo, stack: u64) -> u64 {
-    const RESIDENT: u64 = 2048;
-    if info.kind == "gpu" { stack.saturating_mul(RESIDENT * u64::from(info.compute_units)) } else { 0 }
 }
 
 impl SceneBuffers {

@@ -143,10 +143,10 @@ mod tests {
         let device = Device::open(&info).unwrap();
         let depth = "sample->depth = view_depth(camera, d, hit.t);";
         assert_eq!(verdict(&device, depth, depth).map_err(|e| e.to_string()), Ok(()));
-        let light = "diffuse = sample->weights[i].diffuse * light";
+        let light = "diffuse = weight->diffuse * brought";
         for (piece, wrong, told) in [
             (depth, "sample->depth = 1.01f * view_depth(camera, d, hit.t);", "sees a floor"),
-            (light, "diffuse = 0.8f * sample->weights[i].diffuse * light", "times the light"),
+            (light, "diffuse = 0.8f * weight->diffuse * brought", "times the light"),
         ] {
             let problem = verdict(&device, piece, wrong).unwrap_err().to_string();
             assert!(problem.contains("fails its self-test") && problem.contains(told), "{problem}");

@@ -26,9 +26,15 @@ use super::Traversal;
 use crate::gpu::opencl::DeviceInfo;
 use crate::scene::Features;
 
+/// Bytes of memory set aside for a sample that is being shaded: `ShadedSample` in `kernels/gpu/shade.cl`, whose size depends on
+/// the features.
+pub(super) const STATE_BYTES: usize = 768;
+/// The same for the surface that a ray leaves while it is traced: `Surface` in `kernels/shared/surface.h`.
+pub(super) const SURFACE_BYTES: usize = 512;
+
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 38] = [
+const FILES: [&str; 40] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -63,7 +69,9 @@ const FILES: [&str; 38] = [
     include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/gpu/edges.cl"),
     include_str!("../../kernels/cache.cl"),
+    include_str!("../../kernels/shared/sample.h"),
     include_str!("../../kernels/shade.cl"),
+    include_str!("../../kernels/gpu/shade.cl"),
     include_str!("../../kernels/gather.cl"),
     include_str!("../../kernels/deform.cl"),
     include_str!("../../kernels/refit.cl"),
@@ -139,7 +147,7 @@ fn options_with(
     let [single, prefetch, calls] = [traversal == Traversal::SingleRay, prefetch, calls].map(u32::from);
     options
         + &format!(
-            " -D SINGLE_RAYS={single} -D PREFETCH={prefetch} -D CALLS={calls} -D STACK_SIZE={entries} -D STACK_LEVELS={levels}"
+            " -D SINGLE_RAYS={single} -D PREFETCH={prefetch} -D CALLS={calls} -D STACK_SIZE={entries} -D STACK_LEVELS={levels} -D STATE_BYTES={STATE_BYTES} -D SURFACE_BYTES={SURFACE_BYTES}"
         )
 }
 

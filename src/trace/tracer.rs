@@ -4,6 +4,7 @@ mod camera;
 mod launch;
 mod pattern;
 mod programs;
+mod shading;
 
 use std::sync::Arc;
 
@@ -17,8 +18,8 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::kernels::{
-    DescribePixels, Grid, PackVisibility, SettleBlends, ShadeSamples, ShareBlends, ShareEdges, TracePixels,
-    TraceSamples,
+    DescribePixels, Grid, PackVisibility, SettleBlends, ShadeMirrors, ShareBlends, ShareEdges, TracePixels,
+    TraceSamples, TraceSun,
 };
 use super::light_cache::LightCache;
 use super::scene_buffers::DeformKernels;
@@ -29,6 +30,7 @@ pub use pattern::TracePattern;
 use pattern::{ROWS_PER_TILE, Ring};
 pub(super) use programs::Programs;
 pub use programs::try_kernels;
+pub(super) use shading::{SampleShading, Work};
 
 /// How samples are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,10 +81,13 @@ pub struct Tracer {
     trace_pixels: TracePixels,
     trace_samples: TraceSamples,
     describe_pixels: DescribePixels,
+    /// Beside it on GPUs, where the scene requires them.
+    trace_sun: Option<TraceSun>,
+    shade_mirrors: Option<ShadeMirrors>,
     share_edges: ShareEdges,
     settle_blends: SettleBlends,
     share_blends: ShareBlends,
-    shade_samples: ShadeSamples,
+    sample_shading: SampleShading,
     pack_visibility: PackVisibility,
     light: LightCache,
     counters: Buffer<u32>,
@@ -90,6 +95,8 @@ pub struct Tracer {
     hits: Buffer<HitRecord>,
     /// Whether surfaces may cover pixels in part.
     may_blend: bool,
+    /// Whether they may be glass.
+    may_be_glass: bool,
     /// Up to three alphas of each pixel's surfaces and which of them it shows, where it may.
     blends: Buffer<u32>,
     /// Tiles around the parts that are traced; grown when more are.
@@ -102,7 +109,7 @@ pub struct Tracer {
 #[derive(Debug)]
 pub struct InFlight {
     /// Each part's camera rays and visibility, and its shading.
-    parts: Vec<(Vec<Event>, Event)>,
+    parts: Vec<(Vec<Event>, Vec<Event>)>,
     camera_rays: u64,
     /// Light rays, and samples that were dropped: the last that the queue does for it.
     counters: Transfer<Vec<u32>>,
@@ -155,7 +162,8 @@ impl Tracer {
 
     pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
         let program = &programs.pixels;
-        data.check_fit_with_stacks(device, programs.traversals, programs.largest_stack()?)?;
+        data.check_fit_beside(device, programs.traversals, programs.working_memory(device.info())?)?;
+        let on_gpus = |required: bool| required && programs.traversals.pixels == Traversal::SingleRay;
         let bundles = programs.bundles.as_ref().unwrap_or(program);
         let scene = SceneBuffers::upload(device, data, programs.traversals)?;
         Ok(Tracer {
@@ -169,14 +177,19 @@ impl Tracer {
             trace_pixels: TracePixels::of(program)?,
             trace_samples: TraceSamples::of(program)?,
             describe_pixels: DescribePixels::of(program)?,
+            trace_sun: on_gpus(programs.features.sun).then(|| TraceSun::of(program)).transpose()?,
+            shade_mirrors: on_gpus(programs.features.glossy)
+                .then(|| ShadeMirrors::of(program))
+                .transpose()?,
             share_edges: ShareEdges::of(program)?,
             settle_blends: SettleBlends::of(program)?,
             share_blends: ShareBlends::of(program)?,
-            shade_samples: ShadeSamples::of(bundles)?,
+            sample_shading: SampleShading::of(bundles, programs.traversals.bundles)?,
             pack_visibility: PackVisibility::of(program)?,
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
             may_blend: data.features.alpha,
+            may_be_glass: programs.features.glass,
             blends: Buffer::new(device, 1)?,
             ring: Buffer::new(device, 1)?,
             packed: Buffer::new(device, 1)?,
@@ -363,9 +376,8 @@ impl Tracer {
     /// [`crate::Error::Device`] where the device is lost.
     pub fn finish(&self, work: InFlight) -> Result<Traced> {
         let counters = work.counters.into_memory()?;
-        let times = |(trace, shade): &(Vec<Event>, Event)| {
-            [trace.iter().map(Event::device_ms).sum(), shade.device_ms()]
-        };
+        let of_events = |events: &[Event]| events.iter().map(Event::device_ms).sum();
+        let times = |(trace, shade): &(Vec<Event>, Vec<Event>)| [of_events(trace), of_events(shade)];
         let parts_ms: Vec<[f64; 2]> = work.parts.iter().map(times).collect();
         Ok(Traced {
             rays: work.camera_rays + u64::from(counters[0]),

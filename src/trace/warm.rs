@@ -11,8 +11,9 @@ use crate::metrics::stats::median;
 use crate::scene::Features;
 
 use super::Traversal;
-use super::kernels::{DescribePixels, Grid, SceneOf, ShadeSamples, ShareEdges, TracePixels, TraceSamples};
+use super::kernels::{DescribePixels, Grid, SceneOf, ShareEdges, TracePixels, TraceSamples};
 use super::source;
+use super::tracer::{SampleShading, Work};
 
 /// Times in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -42,13 +43,13 @@ pub fn kernel_times(
     let options = source::options(device.info(), features, depth, traversal);
     let build = |options: &str| -> Result<(f64, Idle)> {
         let start = Instant::now();
-        let idle = Idle::build(device, traversal, options)?;
+        let mut idle = Idle::build(device, traversal, options)?;
         idle.launch()?;
         Ok((start.elapsed().as_secs_f64() * 1e3, idle))
     };
     let cold_ms = cold.then(|| build(&format!("{options} -D BUILD={}", nonce()))).transpose()?.map(|b| b.0);
     build(&options)?;
-    let (warm_ms, idle) = build(&options)?;
+    let (warm_ms, mut idle) = build(&options)?;
     let mut launches = Vec::with_capacity(LAUNCHES);
     for _ in 0..LAUNCHES {
         let start = Instant::now();
@@ -72,7 +73,7 @@ struct Idle {
     trace_samples: TraceSamples,
     describe_pixels: DescribePixels,
     share_edges: ShareEdges,
-    shade_samples: ShadeSamples,
+    sample_shading: SampleShading,
     words: Buffer<u32>,
     hits: Buffer<HitRecord>,
     visibility: Buffer<VisibilityRecord>,
@@ -90,7 +91,7 @@ impl Idle {
             trace_samples: TraceSamples::of(program)?,
             describe_pixels: DescribePixels::of(program)?,
             share_edges: ShareEdges::of(program)?,
-            shade_samples: ShadeSamples::of(program)?,
+            sample_shading: SampleShading::of(program, traversal)?,
             words: Buffer::new(device, 1)?,
             hits: Buffer::new(device, 1)?,
             visibility: Buffer::new(device, 1)?,
@@ -99,7 +100,7 @@ impl Idle {
         })
     }
 
-    fn launch(&self) -> Result<()> {
+    fn launch(&mut self) -> Result<()> {
         let camera = &Camera { width: 8, height: 8, ..Camera::default() };
         let (shading, info) = (&Shading::default(), &CacheInfo::default());
         let scene = SceneOf(None, self.traversal);
@@ -109,9 +110,23 @@ impl Idle {
         self.trace_samples.launch(grid, scene, camera, words, 0, 0, hits)?;
         self.describe_pixels.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
         self.share_edges.launch(grid, scene, camera, 1, words, 0, 0, hits, visibility, counters)?;
-        self.shade_samples.launch(
-            grid, scene, camera, shading, words, 0, 0, hits, None, samples, info, None, None, counters,
-        )?;
+        let light = (info, None, None);
+        let shading = &Shading { rays: 32, ..*shading };
+        let work = Work {
+            scene,
+            camera,
+            shading,
+            samples: words,
+            first: 0,
+            count: 0,
+            hits,
+            visibility: None,
+            records: samples,
+            light,
+            counters,
+            glass: true,
+        };
+        self.sample_shading.enqueue(&self.device, &work)?;
         self.device.finish()
     }
 }

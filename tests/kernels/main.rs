@@ -24,4 +24,5 @@ mod shown;
 mod stages;
 mod terminator;
 mod trees;
+mod variants;
 mod watertight;

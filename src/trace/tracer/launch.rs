@@ -1,6 +1,7 @@
 //! What a frame launches on a device: the kernels of pixels, of edges and of samples, each with its arguments.
 
 use super::pattern::BLOCKS_PER_TILE;
+use super::shading::Work;
 use super::{TracePattern, Tracer};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS};
@@ -75,10 +76,21 @@ impl Tracer {
             events.push(self.settle_blends.launch(grid, scene, camera, list, first, count, hits, layers)?);
         }
         let counters = &self.counters;
-        events.push(
-            self.describe_pixels
-                .launch(grid, scene, camera, shading, list, first, count, hits, records, counters)?,
-        );
+        macro_rules! launch {
+            ($kernel:expr) => {
+                events.push(
+                    $kernel
+                        .launch(grid, scene, camera, shading, list, first, count, hits, records, counters)?,
+                )
+            };
+        }
+        if let Some(trace_sun) = &self.trace_sun {
+            launch!(trace_sun);
+        }
+        launch!(self.describe_pixels);
+        if let Some(shade_mirrors) = &self.shade_mirrors {
+            launch!(shade_mirrors);
+        }
         Ok(events)
     }
 
@@ -138,32 +150,28 @@ impl Tracer {
     }
 
     pub(super) fn shade(
-        &self,
+        &mut self,
         camera: &layout::Camera,
         shading: &layout::Shading,
         pattern: &TracePattern,
         part: &Part,
         visibility: Option<&Buffer<VisibilityRecord>>,
-        samples: &Buffer<SampleRecord>,
-    ) -> Result<Event> {
-        let traversal = self.traversals.bundles;
-        let items = traversal.items_of_streams(part.samples.len(), &self.device);
-        let (info, keys, cells) = self.light.looked_up();
-        self.shade_samples.launch(
-            Grid { items, group: traversal.group() },
-            SceneOf(Some(&self.scene), traversal),
+        records: &Buffer<SampleRecord>,
+    ) -> Result<Vec<Event>> {
+        let work = Work {
+            scene: SceneOf(Some(&self.scene), self.traversals.bundles),
             camera,
             shading,
-            &pattern.samples,
-            part.samples.start,
-            part.samples.len() as u32,
-            &self.hits,
+            samples: &pattern.samples,
+            first: part.samples.start,
+            count: part.samples.len() as u32,
+            hits: &self.hits,
             visibility,
-            samples,
-            info,
-            keys,
-            cells,
-            &self.counters,
-        )
+            records,
+            light: self.light.looked_up(),
+            counters: &self.counters,
+            glass: self.may_be_glass,
+        };
+        self.sample_shading.enqueue(&self.device, &work)
     }
 }

@@ -1,14 +1,17 @@
 //! The built kernels of the variants that a device uses.
 
+use super::{SampleShading, shading};
 use crate::error::Result;
-use crate::gpu::opencl::{Device, Kernel, Program};
+use crate::gpu::opencl::{Device, DeviceInfo, Kernel, Program};
 use crate::isolated;
 use crate::scene::Features;
-use crate::trace::{Traversals, self_test, source};
+use crate::trace::{Traversal, Traversals, self_test, source};
 
 /// Built kernels of the variants that a device uses.
 pub(in crate::trace) struct Programs {
     pub(super) traversals: Traversals,
+    /// What they can do, which may be more than a scene requires.
+    pub(super) features: Features,
     pub(super) pixels: Program,
     /// Exists where it is another variant.
     pub(super) bundles: Option<Program>,
@@ -36,16 +39,33 @@ impl Programs {
         let build = |traversal| Program::build(device, "foveate", text, &options(traversal));
         let bundles =
             (traversals.bundles != traversals.pixels).then(|| build(traversals.bundles)).transpose()?;
-        Ok(Programs { traversals, pixels: build(traversals.pixels)?, bundles })
+        Ok(Programs { traversals, features: *features, pixels: build(traversals.pixels)?, bundles })
+    }
+
+    /// Bytes that the kernels need beside the scene: for stacks, which drivers set aside, and for light rays under way.
+    pub(super) fn working_memory(&self, info: &DeviceInfo) -> Result<u64> {
+        let rays = match self.traversals.bundles {
+            Traversal::Packet => 0,
+            Traversal::SingleRay => shading::bytes_under_way(info),
+        };
+        Ok(stacks(info, self.largest_stack()?) + rays)
     }
 
     /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
-    pub(super) fn largest_stack(&self) -> Result<u64> {
+    fn largest_stack(&self) -> Result<u64> {
         let mut kernels = Vec::new();
-        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"] {
+        let for_gpus: &[&str] = match self.traversals.pixels {
+            Traversal::Packet => &[],
+            Traversal::SingleRay => &["trace_sun", "shade_mirrors"],
+        };
+        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"].iter().chain(for_gpus)
+        {
             kernels.push(self.pixels.kernel(name)?);
         }
-        kernels.push(self.bundles.as_ref().unwrap_or(&self.pixels).kernel("shade_samples")?);
+        let bundles = self.bundles.as_ref().unwrap_or(&self.pixels);
+        for name in SampleShading::kernels(self.traversals.bundles) {
+            kernels.push(bundles.kernel(name)?);
+        }
         Ok(kernels.iter().map(Kernel::private_bytes).max().unwrap_or(0))
     }
 }
@@ -60,4 +80,11 @@ pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals:
     let programs = Programs::build(device, features, depth, traversals)?;
     isolated::stage("tracing the self-test");
     self_test::run(device, &programs)
+}
+
+/// Bytes that a driver sets aside for the stacks of all work-items that may run at once: 2048 on a unit of a
+/// graphics card (NVIDIA's limit from compute capability 7.0 on, but for 7.5 and 8.x, which have fewer).
+fn stacks(info: &DeviceInfo, stack: u64) -> u64 {
+    const RESIDENT: u64 = 2048;
+    if info.kind == "gpu" { stack.saturating_mul(RESIDENT * u64::from(info.compute_units)) } else { 0 }
 }

@@ -1,0 +1,313 @@
+// Shading of samples on GPUs: as ../shade.cl has it, a lane a light ray, in kernels that hand work on in memory (after Laine,
+// Karras and Aila 2013, "Megakernels considered harmful"), so that each keeps little and lanes do the same. Per list of samples:
+//
+//   begin_samples        what each sample sees
+//   trace_sun_rays       where a part of the sun is hidden from it
+//   then for each 32 of a sample's light rays
+//     generate_light_rays
+//     intersect_light_rays, which queues those whose light a surface sends
+//     shade_light_hits     looks at these surfaces
+//     resolve_light        adds up what the rays bring
+//   shade_punctual       light of punctual lights
+//   shade_glass          light that comes through a sample's glass
+//   end_samples          the records
+#if SINGLE_RAYS
+
+// A sample in memory.
+typedef struct {
+    Sample sample;
+    SampleLight light;
+} ShadedSample;
+
+// The host sets aside STATE_BYTES for each.
+typedef char ShadedSampleFits[sizeof(ShadedSample) <= STATE_BYTES ? 1 : -1];
+
+static __global ShadedSample *state_at(__global uint *states, uint k) { return (__global ShadedSample *)states + k; }
+
+// Light rays lie in planes of words: ray i of sample k of `count` is word i * count + k of each.
+#define PLANE_SOUGHT 0u
+#define PLANE_DIRECTION 1u
+#define PLANE_T 4u
+#define PLANE_DIFFUSE 5u
+#define PLANE_SPECULAR 8u
+#define PLANE_PLAIN 11u
+// Until its surface has been looked at: by how much more its light counts, its emitter, and its hit; then its light.
+#define PLANE_INDIRECT 12u
+#define PLANE_TARGET 13u
+#define PLANE_TRIANGLE 14u
+#define PLANE_LIGHT 12u
+#define IS_SMOOTH 8u
+
+// What has become of a ray, in place of what it sought.
+#define RAY_LOST 4u
+#define RAY_TO_SHADE 5u
+#define RAY_SHADED 6u
+
+static __global uint *word_of(__global uint *rays, uint count, uint plane, uint at) { return rays + (size_t)plane * (32u * count) + at; }
+
+static float3 vector_of(__global uint *rays, uint count, uint plane, uint at)
+{
+    return (float3)(as_float(*word_of(rays, count, plane, at)), as_float(*word_of(rays, count, plane + 1u, at)),
+                    as_float(*word_of(rays, count, plane + 2u, at)));
+}
+
+static void set_vector(__global uint *rays, uint count, uint plane, uint at, float3 v)
+{
+    *word_of(rays, count, plane, at) = as_uint(v.x);
+    *word_of(rays, count, plane + 1u, at) = as_uint(v.y);
+    *word_of(rays, count, plane + 2u, at) = as_uint(v.z);
+}
+
+// What is left for the light rays of a sample when some look at the sun.
+static Shading without_sun_rays(Shading asked)
+{
+    asked.rays -= rays_to_sun(&asked);
+    return asked;
+}
+
+__kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+                            __global const HitRecord *hits, __global uint *states)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0);
+    if (k >= count)
+        return;
+    uint at = samples[first + k];
+    HitRecord hit = hits[asked.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : first + k];
+    ShadedSample state;
+    begin_sample(&scene, &camera, &asked, first + k, at, hit, &state.sample);
+    clear_light(&state.light);
+    *state_at(states, k) = state;
+}
+
+// Rays to the sun's disc, and one to what hides a part of it. counters[0] sums them.
+__kernel void trace_sun_rays(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+                             __global const VisibilityRecord *visibility, __global uint *states, __global uint *counters)
+{
+#if HAS_SUN
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0), n = rays_to_sun(&asked);
+    if (k >= count || n == 0u || !state_at(states, k)->sample.lit)
+        return;
+    Sample sample = state_at(states, k)->sample;
+    uint at = samples[first + k], rays = n, away = 0u;
+    bool centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31, hidden = false, seen = false;
+    float3 blocked = load3(asked.sun_direction);
+    for (uint i = 0; i <= n; ++i) {
+        float3 d;
+        if (i < n ? !aim_at_sun(&asked, &sample, i, n, camera.seed, &d) : !seeks_blocker(&asked, &sample, hidden, seen, centre, blocked))
+            continue;
+        d = i < n ? d : blocked;
+        float t = INFINITY;
+        uint place;
+        float coming = light_through(&scene, &asked, sample.origin, d, &t, &place, i < n ? ANY : PASSED, sample.chance);
+        if (i == n) {
+            ++rays;
+            away = coming > 0.0f ? 0u : blocker_code(t);
+        } else if (coming > 0.0f) {
+            seen = true;
+        } else {
+            blocked = hidden ? blocked : d;
+            hidden = true;
+        }
+    }
+    state_at(states, k)->sample.normal |= (away << 1 | (centre ? 1u : 0u)) << 24;
+    atomic_add(&counters[0], rays);
+#endif
+}
+
+// Rays first_ray .. first_ray + 32 of each sample, where there are so many; queue[0] is how many wait there.
+__kernel void generate_light_rays(SCENE_PARAMETERS, Camera camera, Shading asked, uint first_ray, uint count, __global uint *states,
+                                  __global uint *light_rays, __global uint *queue)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    Shading shading = without_sun_rays(asked);
+    uint at = (uint)get_global_id(0);
+    if (at == 0u)
+        queue[0] = 0u;
+    if (at >= 32u * count)
+        return;
+    uint k = at % count, number = first_ray + at / count;
+    LightRay ray;
+    bool is_used = false;
+    if (number < shading.rays && state_at(states, k)->sample.lit) {
+        Sample sample = state_at(states, k)->sample;
+        is_used = aim_light_ray(&scene, &shading, &sample, number, camera.seed, 0, &ray);
+    }
+    *word_of(light_rays, count, PLANE_SOUGHT, at) = is_used ? ray.sought | (ray.smooth ? IS_SMOOTH : 0u) : RAY_UNUSED;
+    if (!is_used)
+        return;
+    set_vector(light_rays, count, PLANE_DIRECTION, at, ray.d);
+    *word_of(light_rays, count, PLANE_T, at) = as_uint(ray.t_max);
+    set_vector(light_rays, count, PLANE_DIFFUSE, at, ray.weight.diffuse);
+    set_vector(light_rays, count, PLANE_SPECULAR, at, ray.weight.specular);
+    *word_of(light_rays, count, PLANE_PLAIN, at) = as_uint(ray.plain);
+    *word_of(light_rays, count, PLANE_INDIRECT, at) = as_uint(ray.indirect);
+    *word_of(light_rays, count, PLANE_TARGET, at) = ray.target;
+}
+
+// What becomes of a ray that was traced.
+static uint ray_after(uint sought, bool found, uint triangle, uint target)
+{
+    // What passes behind a single-sided surface is still kept from the sky by it.
+    if (sought == RAY_FOR_SURFACES)
+        return found ? RAY_TO_SHADE : triangle == BACK_MET ? RAY_LOST : sought;
+    return found ? RAY_LOST : sought == RAY_FOR_EMITTER && target != NONE ? RAY_TO_SHADE : sought;
+}
+
+// Traces the light rays of each sample, a work-item a sample, each ray as soon as the one before is done: a lane's rays do not
+// wait for those of the lanes beside it, which visit other numbers of nodes (after Aila and Laine 2009, "Understanding the
+// efficiency of ray traversal on GPUs"). Those that something is left to do for are queued.
+__kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *states, __global uint *light_rays, __global uint *queue)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0), queued = 0u;
+    if (k >= count)
+        return;
+    float3 origin = state_at(states, k)->sample.origin;
+    uint chance = state_at(states, k)->sample.chance;
+    RayTraversal ray;
+    uint2 stack[STACK_LEVELS];
+    bool under_way = false;
+    for (uint at = k; under_way || at < 32u * count;) {
+        if (!under_way) {
+            uint sought = *word_of(light_rays, count, PLANE_SOUGHT, at) & ~IS_SMOOTH;
+            if (sought == RAY_UNUSED) {
+                at += count;
+                continue;
+            }
+            ray.t_max = as_float(*word_of(light_rays, count, PLANE_T, at));
+            ray.triangle = NONE;
+            begin_traversal(&scene, &ray, origin, 0.0f, vector_of(light_rays, count, PLANE_DIRECTION, at),
+                            sought == RAY_FOR_SKY ? ANY : CLOSEST_OR_BACK, chance);
+        }
+        under_way = step_traversal(&scene, &ray, stack);
+        if (!under_way) {
+            __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
+            uint became = ray_after(*sought & ~IS_SMOOTH, ray.found, ray.triangle, *word_of(light_rays, count, PLANE_TARGET, at));
+            *sought = became | (*sought & IS_SMOOTH);
+            if (became == RAY_TO_SHADE) {
+                *word_of(light_rays, count, PLANE_T, at) = as_uint(ray.t_max);
+                *word_of(light_rays, count, PLANE_TRIANGLE, at) = ray.found ? ray.triangle : NONE;
+                queue[1u + atomic_inc(&queue[0])] = at;
+            }
+            at += count;
+        }
+    }
+}
+
+// Looks at the surfaces whose light is queued, a work-item one ray after the other. counters[0] sums further rays.
+__kernel void shade_light_hits(SCENE_PARAMETERS, Camera camera, Shading asked, uint first_ray, uint count, __global uint *states,
+                               __global uint *light_rays, __global const uint *queue, CacheInfo info, __global uint *keys,
+                               __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint rays = 0u;
+    Shading shading = without_sun_rays(asked);
+    Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
+    for (uint item = (uint)get_global_id(0); item < queue[0]; item += (uint)get_global_size(0)) {
+        uint at = queue[1u + item], k = at % count, triangle = *word_of(light_rays, count, PLANE_TRIANGLE, at);
+        Sample sample = state_at(states, k)->sample;
+        float3 d = vector_of(light_rays, count, PLANE_DIRECTION, at), light;
+        float t = as_float(*word_of(light_rays, count, PLANE_T, at));
+#if HAS_EMITTERS
+        if (triangle == NONE) {
+            light = emitted_by(&scene, *word_of(light_rays, count, PLANE_TARGET, at), sample.origin, d, t, sample.chance);
+        } else
+#endif
+        {
+            __global const uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
+            float indirect = as_float(*word_of(light_rays, count, PLANE_INDIRECT, at));
+            uint chance = hash(sample.index * 32u + at / count + hash(camera.seed + first_ray));
+            light = light_of_surface(&scene, &shading, &cache, &sample, d, triangle, t, indirect, (*sought & IS_SMOOTH) != 0u, chance,
+                                     surface_kept(kept_surfaces, (uint)get_global_id(0)), &rays);
+        }
+        set_vector(light_rays, count, PLANE_LIGHT, at, light);
+        *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_SHADED;
+    }
+    if (rays)
+        atomic_add(&counters[0], rays);
+}
+
+// Adds up what the light rays of each sample bring, a work-item a sample. counters[0] sums the rays.
+__kernel void resolve_light(SCENE_PARAMETERS, Shading asked, uint count, __global uint *states, __global uint *light_rays,
+                            __global uint *counters)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0), rays = 0u;
+    if (k >= count || !state_at(states, k)->sample.lit)
+        return;
+    ShadedSample state = *state_at(states, k);
+    for (uint at = k; at < 32u * count; at += count) {
+        uint became = *word_of(light_rays, count, PLANE_SOUGHT, at) & ~IS_SMOOTH;
+        rays += became == RAY_UNUSED ? 0u : 1u;
+        if (became == RAY_UNUSED || became == RAY_LOST)
+            continue;
+        float3 d = vector_of(light_rays, count, PLANE_DIRECTION, at), light = 1.0f;
+        if (became == RAY_SHADED)
+            light = vector_of(light_rays, count, PLANE_LIGHT, at);
+        else if (became != RAY_FOR_EMITTER)
+            light = distant_light(&scene, &asked, d, state.sample.surface.occlusion, !asked.guided);
+        Reflection weight = {vector_of(light_rays, count, PLANE_DIFFUSE, at), vector_of(light_rays, count, PLANE_SPECULAR, at)};
+        add_light(&state.sample, &weight, as_float(*word_of(light_rays, count, PLANE_PLAIN, at)), d, light, &state.light);
+    }
+    state_at(states, k)->light = state.light;
+    if (rays)
+        atomic_add(&counters[0], rays);
+}
+
+// counters[0] sums the rays.
+__kernel void shade_glass(SCENE_PARAMETERS, Camera camera, Shading asked, uint count, __global uint *states, CacheInfo info,
+                          __global uint *keys, __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
+{
+#if HAS_GLASS
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0);
+    if (k >= count || !state_at(states, k)->sample.lit)
+        return;
+    Shading shading = without_sun_rays(asked);
+    Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
+    ShadedSample state = *state_at(states, k);
+    uint rays = add_glass_light(&scene, &shading, &cache, &state.sample, camera.seed, surface_kept(kept_surfaces, k), &state.light);
+    if (!rays)
+        return;
+    state_at(states, k)->light.sum = state.light.sum;
+    atomic_add(&counters[0], rays);
+#endif
+}
+
+// counters[0] sums the rays.
+__kernel void shade_punctual(SCENE_PARAMETERS, Shading shading, uint count, __global uint *states, __global uint *counters)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0);
+    if (k >= count || !state_at(states, k)->sample.lit)
+        return;
+    __global ShadedSample *state = state_at(states, k);
+    Reflection sum = state->light.sum;
+    uint rays = add_punctual(&scene, &shading, &state->sample.surface, state->sample.view, state->sample.chance, &sum);
+    if (!rays)
+        return;
+    state->light.sum = sum;
+    atomic_add(&counters[0], rays);
+}
+
+// counters[1] sums samples whose estimate was not finite.
+__kernel void end_samples(Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+                          __global const VisibilityRecord *visibility, __global uint *states, __global SampleRecord *records,
+                          __global uint *counters)
+{
+    uint k = (uint)get_global_id(0), reflected = 0u;
+    if (k >= count)
+        return;
+    Shading shading = without_sun_rays(asked);
+    ShadedSample state = *state_at(states, k);
+#if HAS_GLOSSY
+    uint at = samples[first + k];
+    if (shading.guided)
+        reflected = visibility[(at >> 16) * camera.width + (at & 0xffffu)].reflected;
+#endif
+    if (!end_sample(&shading, &state.sample, &state.light, reflected, &records[first + k]))
+        atomic_inc(&counters[1]);
+}
+#endif

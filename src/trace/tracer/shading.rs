@@ -1,0 +1,258 @@
+//! Shading of samples: one kernel where rays travel in packets, and for GPUs several that hand light rays on in memory.
+
+use crate::error::Result;
+use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event, Program};
+use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
+use crate::trace::Traversal;
+use crate::trace::kernels::{
+    BeginSamples, EndSamples, GenerateLightRays, Grid, IntersectLightRays, ResolveLight, SceneOf, ShadeGlass,
+    ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
+};
+use crate::trace::light_cache::LookedUp;
+use crate::trace::source::{STATE_BYTES, SURFACE_BYTES};
+
+/// Light rays of a sample that are under way together.
+const BATCH: usize = 32;
+/// Words of memory of a light ray under way: planes in `kernels/gpu/shade.cl`.
+const RAY_WORDS: usize = 15;
+/// Work-items that look at what the light rays have met, for each sample under way.
+const LANES_PER_SAMPLE: usize = 2;
+
+/// The kernels of a variant, and what they need in a device's memory.
+#[derive(Debug)]
+pub(in crate::trace) enum SampleShading {
+    Packet(ShadeSamples),
+    SingleRay(Box<Wavefront>),
+}
+
+/// What is shaded: samples `first..first + count` of a list, into their records.
+pub(in crate::trace) struct Work<'a> {
+    pub scene: SceneOf<'a>,
+    pub camera: &'a layout::Camera,
+    pub shading: &'a layout::Shading,
+    pub samples: &'a Buffer<u32>,
+    pub first: u32,
+    pub count: u32,
+    pub hits: &'a Buffer<HitRecord>,
+    pub visibility: Option<&'a Buffer<VisibilityRecord>>,
+    pub records: &'a Buffer<SampleRecord>,
+    pub light: LookedUp<'a>,
+    pub counters: &'a Buffer<u32>,
+    /// Whether samples may see glass.
+    pub glass: bool,
+}
+
+impl SampleShading {
+    pub fn of(program: &Program, traversal: Traversal) -> Result<Self> {
+        Ok(match traversal {
+            Traversal::Packet => SampleShading::Packet(ShadeSamples::of(program)?),
+            Traversal::SingleRay => SampleShading::SingleRay(Box::new(Wavefront::of(program)?)),
+        })
+    }
+
+    /// The names of its kernels that may need memory of their own.
+    pub fn kernels(traversal: Traversal) -> &'static [&'static str] {
+        match traversal {
+            Traversal::Packet => &["shade_samples"],
+            Traversal::SingleRay => &[
+                "trace_sun_rays",
+                "intersect_light_rays",
+                "shade_light_hits",
+                "shade_punctual",
+                "shade_glass",
+            ],
+        }
+    }
+
+    /// Enqueues the kernels; their events.
+    pub fn enqueue(&mut self, device: &Device, work: &Work) -> Result<Vec<Event>> {
+        match self {
+            SampleShading::Packet(kernel) => {
+                let items = Traversal::Packet.items_of_streams(work.count as usize, device);
+                let grid = Grid { items, group: Traversal::Packet.group() };
+                let (info, keys, cells) = work.light;
+                let event = kernel.launch(
+                    grid,
+                    work.scene,
+                    work.camera,
+                    work.shading,
+                    work.samples,
+                    work.first,
+                    work.count,
+                    work.hits,
+                    work.visibility,
+                    work.records,
+                    info,
+                    keys,
+                    cells,
+                    work.counters,
+                )?;
+                Ok(vec![event])
+            }
+            SampleShading::SingleRay(wavefront) => wavefront.enqueue(device, work),
+        }
+    }
+}
+
+/// The kernels of `kernels/gpu/shade.cl`.
+#[derive(Debug)]
+pub(in crate::trace) struct Wavefront {
+    begin_samples: BeginSamples,
+    trace_sun_rays: TraceSunRays,
+    generate_light_rays: GenerateLightRays,
+    intersect_light_rays: IntersectLightRays,
+    shade_light_hits: ShadeLightHits,
+    resolve_light: ResolveLight,
+    shade_punctual: ShadePunctual,
+    shade_glass: ShadeGlass,
+    end_samples: EndSamples,
+    memory: Option<Memory>,
+}
+
+/// Samples and light rays under way.
+#[derive(Debug)]
+struct Memory {
+    /// How many samples there is room for.
+    samples: usize,
+    states: Buffer<u32>,
+    rays: Buffer<u32>,
+    queue: Buffer<u32>,
+    /// A surface for each work-item that looks at hits.
+    kept_surfaces: Buffer<u32>,
+}
+
+impl Wavefront {
+    fn of(program: &Program) -> Result<Self> {
+        Ok(Wavefront {
+            begin_samples: BeginSamples::of(program)?,
+            trace_sun_rays: TraceSunRays::of(program)?,
+            generate_light_rays: GenerateLightRays::of(program)?,
+            intersect_light_rays: IntersectLightRays::of(program)?,
+            shade_light_hits: ShadeLightHits::of(program)?,
+            resolve_light: ResolveLight::of(program)?,
+            shade_punctual: ShadePunctual::of(program)?,
+            shade_glass: ShadeGlass::of(program)?,
+            end_samples: EndSamples::of(program)?,
+            memory: None,
+        })
+    }
+
+    fn enqueue(&mut self, device: &Device, work: &Work) -> Result<Vec<Event>> {
+        let most = samples_under_way(device.info());
+        let needed = (work.count as usize).min(most).max(1);
+        if self.memory.as_ref().is_none_or(|memory| memory.samples < needed) {
+            self.memory = Some(Memory::new(device, needed)?);
+        }
+        let mut events = Vec::new();
+        let mut done = 0;
+        while events.is_empty() || done < work.count {
+            let count = (work.count - done).min(most as u32);
+            self.enqueue_some(work, work.first + done, count, &mut events)?;
+            done += count;
+        }
+        Ok(events)
+    }
+
+    /// Enqueues shading of samples `first..first + count`, for which there is memory.
+    fn enqueue_some(&self, work: &Work, first: u32, count: u32, events: &mut Vec<Event>) -> Result<()> {
+        let Some(Memory { states, rays, queue, kept_surfaces, .. }) = &self.memory else { return Ok(()) };
+        let Work { scene, camera, shading, samples, hits, visibility, records, counters, .. } = *work;
+        let (info, keys, cells) = work.light;
+        let group = Traversal::SingleRay.group();
+        let of_samples = Grid { items: count as usize, group };
+        let of_rays = Grid { items: count as usize * BATCH, group };
+        let of_hits = Grid { items: lanes_of_hits(count as usize), group };
+        events.push(
+            self.begin_samples
+                .launch(of_samples, scene, camera, shading, samples, first, count, hits, states)?,
+        );
+        let to_sun = rays_to_sun(shading);
+        if to_sun > 0 {
+            events.push(self.trace_sun_rays.launch(
+                of_samples, scene, camera, shading, samples, first, count, visibility, states, counters,
+            )?);
+        }
+        for first_ray in (0..shading.rays - to_sun).step_by(BATCH) {
+            events.push(
+                self.generate_light_rays
+                    .launch(of_rays, scene, camera, shading, first_ray, count, states, rays, queue)?,
+            );
+            events.push(self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?);
+            events.push(self.shade_light_hits.launch(
+                of_hits,
+                scene,
+                camera,
+                shading,
+                first_ray,
+                count,
+                states,
+                rays,
+                queue,
+                info,
+                keys,
+                cells,
+                counters,
+                kept_surfaces,
+            )?);
+            events
+                .push(self.resolve_light.launch(of_samples, scene, shading, count, states, rays, counters)?);
+        }
+        if shading.lights > 0 {
+            events.push(self.shade_punctual.launch(of_samples, scene, shading, count, states, counters)?);
+        }
+        if work.glass {
+            events.push(self.shade_glass.launch(
+                of_samples,
+                scene,
+                camera,
+                shading,
+                count,
+                states,
+                info,
+                keys,
+                cells,
+                counters,
+                kept_surfaces,
+            )?);
+        }
+        events.push(self.end_samples.launch(
+            of_samples, camera, shading, samples, first, count, visibility, states, records, counters,
+        )?);
+        Ok(())
+    }
+}
+
+/// Rays of a sample that look at the sun's disc: as `rays_to_sun` in `kernels/shared/sample.h`.
+fn rays_to_sun(shading: &layout::Shading) -> u32 {
+    if shading.guided == 0 { 0 } else { ((shading.rays as f32 * shading.sun_share) as u32).min(32) }
+}
+
+/// Work-items that look at what the light rays of so many samples have met: whole groups, all of whose work-items take part.
+fn lanes_of_hits(samples: usize) -> usize {
+    (samples * LANES_PER_SAMPLE).next_multiple_of(Traversal::SingleRay.group())
+}
+
+/// Samples that are under way together at most: enough for all lanes of a graphics card; for processors as many as
+/// their caches hold.
+fn samples_under_way(info: &DeviceInfo) -> usize {
+    if info.kind == "cpu" { 1024 } else { 32768 }
+}
+
+/// The memory for these, in bytes.
+pub(super) fn bytes_under_way(info: &DeviceInfo) -> u64 {
+    let samples = samples_under_way(info);
+    let words = samples * BATCH * (RAY_WORDS + 1);
+    (samples * STATE_BYTES + words * size_of::<u32>() + lanes_of_hits(samples) * SURFACE_BYTES) as u64
+}
+
+impl Memory {
+    fn new(device: &Device, samples: usize) -> Result<Self> {
+        Ok(Memory {
+            samples,
+            states: Buffer::new(device, samples * STATE_BYTES / size_of::<u32>())?,
+            rays: Buffer::new(device, samples * BATCH * RAY_WORDS)?,
+            queue: Buffer::new(device, 1 + samples * BATCH)?,
+            kept_surfaces: Buffer::new(device, lanes_of_hits(samples) * SURFACE_BYTES / size_of::<u32>())?,
+        })
+    }
+}

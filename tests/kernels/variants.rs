@@ -1,0 +1,89 @@
+//! Samples' light by both variants of the kernels: one kernel for packets, and a lane a light ray, as GPUs have it.
+
+use foveate::layout::SampleRecord;
+use foveate::scene::{Glass, Layers, Material, Scene};
+use foveate::trace::{Settings, Traversal};
+use glam::{DVec3, Vec3};
+
+use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device};
+use crate::cases::lights;
+use crate::guided::{eye, light, still_life};
+use crate::scenes::{cuboid, matt, quad};
+
+/// The still life with all that light rays look for: a lamp that is a surface, punctual ones, glass, a coat, and a wall that is
+/// passed from behind.
+fn everything() -> Scene {
+    let mut scene = still_life();
+    let first = scene.materials.len() as u32;
+    let glass = Glass {
+        transmission: 0.9,
+        texture: None,
+        ior: 1.5,
+        solid: true,
+        attenuation: Vec3::new(0.2, 1.0, 2.0),
+    };
+    let coat = Layers { coat: 1.0, coat_roughness: 0.3, ..Layers::default() };
+    scene.materials.extend([
+        Material { emissive: Vec3::new(6.0, 4.0, 2.0), ..matt(0.2) },
+        Material { glass: Some(glass), double_sided: true, roughness: 0.2, ..matt(0.8) },
+        Material { layers: Some(Box::new(coat)), roughness: 0.6, ..matt(0.4) },
+        matt(0.5),
+    ]);
+    let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    quad(&mut scene, [at(-0.6, 1.9, -0.6), at(0.4, 1.9, -0.6), at(0.4, 1.9, 0.4), at(-0.6, 1.9, 0.4)], first);
+    cuboid(&mut scene, at(0.5, 0.0, 0.7), at(0.9, 0.4, 1.1), first + 1);
+    cuboid(&mut scene, at(-1.5, 0.0, 0.5), at(-1.1, 0.6, 0.9), first + 2);
+    quad(
+        &mut scene,
+        [at(1.7, 0.0, 1.0), at(1.7, 0.0, -1.0), at(1.7, 1.4, -1.0), at(1.7, 1.4, 1.0)],
+        first + 3,
+    );
+    scene.lights = lights();
+    scene
+}
+
+/// Whether two records are the same but for rounding.
+fn alike(a: &SampleRecord, b: &SampleRecord) -> bool {
+    let near = |a: [f32; 3], b: [f32; 3]| {
+        let (a, b) = (DVec3::from(a.map(f64::from)), DVec3::from(b.map(f64::from)));
+        (a - b).abs().max_element() <= 1e-3 * a.max_element() + 1e-5
+    };
+    let noise = |record: &SampleRecord| record.toward[1] >> 30 | record.toward[2] >> 30 << 2;
+    // The code of what hides the sun, and whether the pixel sees it.
+    (a.depth - b.depth).abs() <= 1e-4 * a.depth
+        && near(a.first, b.first)
+        && near(a.second, b.second)
+        && a.normal >> 24 == b.normal >> 24
+        && noise(a) == noise(b)
+}
+
+#[test]
+fn both_variants_shade_the_same() {
+    on_every_device(|device| {
+        let (scene, light, view) = (everything(), light(), eye());
+        let pattern = all_pixels(&view);
+        let guided = Settings { guided: true, ..PLAIN };
+        let cases = [
+            ("rays alone", Settings { rays: 32, ..PLAIN }),
+            ("paths, more rays than go together", Settings { rays: 80, bounces: 2, ..PLAIN }),
+            ("guided paths, few rays", Settings { rays: 8, bounces: 1, ..guided }),
+            ("guided, a cache of light", Settings { rays: 32, cached: true, ..guided }),
+        ];
+        for (name, settings) in cases {
+            let [(packet, rays), (single, own)] = [Traversal::Packet, Traversal::SingleRay].map(|variant| {
+                let mut bench = Bench::walking(device, &scene, &light, &EVERYTHING, variant);
+                if settings.cached {
+                    bench.light(&view, &settings, &pattern, 0..6);
+                }
+                let picture = bench.trace(&view, &settings, &pattern);
+                assert_eq!(picture.dropped, 0, "{name}");
+                (picture.samples, picture.rays)
+            });
+            let lit = packet.iter().filter(|record| record.depth > 0.0).count();
+            let off = packet.iter().zip(&single).filter(|(a, b)| !alike(a, b)).count();
+            println!("{name}: {off} of {lit} samples differ, {rays} and {own} rays");
+            assert!(lit > 2000 && off * 100 <= lit, "{name}: {off} of {lit} samples differ");
+            assert!(rays.abs_diff(own) * 500 <= rays, "{name}: {rays} and {own} rays");
+        }
+    });
+}
