@@ -1,4 +1,4 @@
-// Shading of samples on GPUs: as ../shade.cl has it, a lane a light ray, in kernels that hand work on in memory (after Laine,
+// Shading of samples on GPUs: as ../cpu/shade.cl has it, a lane a light ray, in kernels that hand work on in memory (after Laine,
 // Karras and Aila 2013, "Megakernels considered harmful"), so that each keeps little and lanes do the same. Per list of samples:
 //
 //   begin_samples        what each sample sees

@@ -9,7 +9,7 @@
 
 static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
 
-// How much of the sun's light comes to each pixel of the tiles first .. first + count from its centre: see sun.h. counters[0] sums
+// How much of the sun's light comes to each pixel of the tiles first .. first + count from its centre: see ../cpu/sun.h. counters[0] sums
 // the rays.
 __kernel void trace_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
                         __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)

@@ -1,5 +1,5 @@
 // A sample of light: what it sees, a light ray that leaves it, and the light that its rays bring. Both variants of shading are
-// made of this: ../shade.cl and ../gpu/shade.cl.
+// made of this: ../cpu/shade.cl and ../gpu/shade.cl.
 
 typedef struct {
     Surface surface;

@@ -16,7 +16,7 @@
 //!   it; k-NN: `trace_samples` finds the samples' hits only
 //! - light (`kernels/cache.cl`): `light_cells` brings light to the cache by a few thousand paths, and
 //!   `settle_cells` takes it in; on each device alike
-//! - shade (`kernels/shade.cl`): `shade_samples` sends the light rays of each sample and writes its record; on
+//! - shade (`kernels/cpu/shade.cl`): `shade_samples` sends the light rays of each sample and writes its record; on
 //!   GPUs kernels of a lane a ray hand them on in memory (`kernels/gpu/shade.cl`);
 //!   with guided reconstruction and a sun, some of them ask whether a part of its disc is hidden, and how far by
 //! - share (`Shared::start_copy` in `src/gpu/interop/mod.rs`): nothing for the device that writes in place; what

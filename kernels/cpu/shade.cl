@@ -1,5 +1,5 @@
 // Shading of samples: 32 and more light rays each. Those of one sample leave one point, so they travel as streams of
-// 32; a work-item shades several samples, whose streams take turns. gpu/shade.cl has it for GPUs.
+// 32; a work-item shades several samples, whose streams take turns. ../gpu/shade.cl has it for GPUs.
 #if !SINGLE_RAYS
 
 // A sample with its light rays under way.
