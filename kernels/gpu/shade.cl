@@ -1,5 +1,5 @@
-// Shading of samples on GPUs: as ../cpu/shade.cl has it, a lane a light ray, in kernels that hand work on in memory (after Laine,
-// Karras and Aila 2013, "Megakernels considered harmful"), so that each keeps little and lanes do the same. Per list of samples:
+// Shading of samples on GPUs: as ../cpu/shade.cl has it, in kernels that hand light rays on in memory (after Laine, Karras
+// and Aila 2013, "Megakernels considered harmful"), so that each keeps little and lanes do the same. Per list of samples:
 //
 //   begin_samples        what each sample sees
 //   trace_sun_rays       where a part of the sun is hidden from it

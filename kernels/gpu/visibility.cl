@@ -2,9 +2,12 @@
 //
 // The variant for GPUs describes a pixel, asks for the sun and finds edges with a work-item for each pixel, in
 // scalars, from the code that samples use (`surface_at`); eight lanes at a time and blocks are for processors. So
-// what a work-item keeps there is one surface instead of a block's 64. `both_variants_describe_the_same` holds one against the other. Three kernels do it, each of which keeps less than
-// one would: trace_sun leaves in the record's `reflected` how much of the sun's light comes, describe_pixels turns that into
-// what the record has of it and marks surfaces that reflect, and shade_mirrors looks at what these show.
+// what a work-item keeps there is one surface instead of a block's 64. `both_variants_describe_the_same` holds one against the
+// other.
+//
+// Three kernels do it, each of which keeps less than one would: trace_sun leaves in the record's `reflected` how much of the
+// sun's light comes, describe_pixels turns that into what the record has of it and marks surfaces that reflect, and
+// shade_mirrors looks at what these show.
 #if SINGLE_RAYS
 
 static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }

@@ -17,11 +17,11 @@
 //! - light (`kernels/cache.cl`): `light_cells` brings light to the cache by a few thousand paths, and
 //!   `settle_cells` takes it in; on each device alike
 //! - shade (`kernels/cpu/shade.cl`): `shade_samples` sends the light rays of each sample and writes its record; on
-//!   GPUs kernels of a lane a ray hand them on in memory (`kernels/gpu/shade.cl`);
+//!   GPUs several kernels hand them on in memory (`kernels/gpu/shade.cl`);
 //!   with guided reconstruction and a sun, some of them ask whether a part of its disc is hidden, and how far by
 //! - share (`Shared::start_copy` in `src/gpu/interop/mod.rs`): nothing for the device that writes in place; what
-//!   others have done is copied into mapped Vulkan memory while they trace the next view (pixels of parts of a view by
-//!   the host, `SampleTarget::take` in `src/trace/worker.rs`)
+//!   others have done is copied into mapped Vulkan memory without a wait of the host (pixels of parts of a view by it,
+//!   `SampleTarget::take` in `src/trace/worker.rs`)
 //! - observe (`Balancer::observe`): what the devices' times say of them, and of the places of the view
 //! - reuse (`accumulate_samples` in `kernels/accumulate.wgsl`, `src/reconstruct/history.rs`): guided: each
 //!   sample takes what the last frame has accumulated where its surface point was seen then, and what the
@@ -173,6 +173,7 @@ impl Renderer {
         self.meter.begin(start);
         let mut report = FrameReport::default();
         report.stages.motion = std::mem::take(&mut self.motion_ms);
+        self.scheduler.forget();
         for (index, request) in requests.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, request)?;
         }

@@ -88,10 +88,14 @@ impl Scheduler {
         self.fleet.take_notes()
     }
 
-    /// Has devices begin with views that follow each other; each is to be waited for by [`Scheduler::end`], in their order.
-    /// Views that were begun before and not waited for are forgotten.
-    pub fn begin(&mut self, jobs: Vec<Arc<Job>>) -> Vec<BegunView> {
+    /// Forgets views that were begun and not waited for, as of a frame that has failed: to be called before a frame's targets
+    /// are made, since devices may still write to the last ones.
+    pub fn forget(&mut self) {
         self.losses += self.fleet.forget() as u64;
+    }
+
+    /// Has devices begin with views that follow each other; each is to be waited for by [`Scheduler::end`], in their order.
+    pub fn begin(&mut self, jobs: Vec<Arc<Job>>) -> Vec<BegunView> {
         self.fleet.refresh();
         self.know_present();
         let parts: Vec<_> = jobs.iter().map(|job| self.balancer.split(job.index, &job.workload)).collect();

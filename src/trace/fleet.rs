@@ -8,7 +8,7 @@
 //! for (`Fleet::begin`). Each device has a context and a copy of the scene of its own, although devices of one platform could
 //! share a context: nothing is shared between devices but what the host packs once and keeps for those that
 //! come back, and in a common context buffers may be kept for, moved to, or lost with each device in it, as
-//! the driver likes. The first device writes results in place where memory is shared; the others' are copied while they trace on,
+//! the driver likes. The first device writes results in place where memory is shared; the others' are copied without a wait of the host,
 //! samples straight to their places, visibility too where one device has traced all of it, else packed tile by tile
 //! (`kernels/gather.cl`).
 
@@ -380,10 +380,12 @@ impl Member {
 
 impl Drop for Fleet {
     fn drop(&mut self) {
-        for member in &mut self.members {
+        for (index, member) in self.members.iter_mut().enumerate() {
             member.orders = None;
-            // A thread whose driver hangs or is being tried again is left to itself.
+            let works = self.begun.iter().any(|begun| begun.waiting.contains_key(&index));
+            // A thread whose driver hangs, may hang with what nobody waits for, or is being tried again is left to itself.
             if member.state == State::Ready
+                && !works
                 && let Some(thread) = member.thread.take()
             {
                 let _ = thread.join();

@@ -117,6 +117,16 @@ pub struct InFlight {
     _copied: Option<Transfer<Vec<u32>>>,
 }
 
+impl InFlight {
+    /// Waits until it is done.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub(super) fn wait(&self) -> Result<()> {
+        self.counters.wait()
+    }
+}
+
 impl Tracer {
     /// Builds the kernels that the scene requires and uploads it.
     ///

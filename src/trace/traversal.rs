@@ -8,7 +8,7 @@
 //! turns, so that what one of them visits next has half a round to arrive from memory. It suits processors.
 //! The other variant (`kernels/shared/compact.h`) has a work-item follow one ray after the other through
 //! nodes of 80 bytes, whose boxes are bytes rounded outwards (`src/bvh/compact.rs`), and makes each camera
-//! ray a work-item of its own: for GPUs. There a sample's light rays lie in memory between kernels that choose, trace,
+//! ray a work-item of its own: for GPUs, where a sample's light rays lie in memory between kernels that choose, trace,
 //! shade and add them up (`kernels/gpu/shade.cl`). Both find the same hits, so devices of one fleet may differ, and so
 //! may the rays of pixels and the light rays of samples on one device, which then holds the tree in both
 //! forms; compact nodes are made for the first device that walks them. `trace.traversal` forces one, `foveate

@@ -11,7 +11,9 @@ use crate::metrics::stats::median;
 use crate::scene::Features;
 
 use super::Traversal;
-use super::kernels::{DescribePixels, Grid, SceneOf, ShareEdges, TracePixels, TraceSamples};
+use super::kernels::{
+    DescribePixels, Grid, SceneOf, ShadeMirrors, ShareEdges, TracePixels, TraceSamples, TraceSun,
+};
 use super::source;
 use super::tracer::{SampleShading, Work};
 
@@ -72,6 +74,7 @@ struct Idle {
     trace_pixels: TracePixels,
     trace_samples: TraceSamples,
     describe_pixels: DescribePixels,
+    for_gpus: Option<(TraceSun, ShadeMirrors)>,
     share_edges: ShareEdges,
     sample_shading: SampleShading,
     words: Buffer<u32>,
@@ -90,6 +93,10 @@ impl Idle {
             trace_pixels: TracePixels::of(program)?,
             trace_samples: TraceSamples::of(program)?,
             describe_pixels: DescribePixels::of(program)?,
+            for_gpus: match traversal {
+                Traversal::Packet => None,
+                Traversal::SingleRay => Some((TraceSun::of(program)?, ShadeMirrors::of(program)?)),
+            },
             share_edges: ShareEdges::of(program)?,
             sample_shading: SampleShading::of(program, traversal)?,
             words: Buffer::new(device, 1)?,
@@ -109,9 +116,14 @@ impl Idle {
         self.trace_pixels.launch(grid, scene, camera, words, 0, 0, hits, 0)?;
         self.trace_samples.launch(grid, scene, camera, words, 0, 0, hits)?;
         self.describe_pixels.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
+        if let Some((trace_sun, shade_mirrors)) = &self.for_gpus {
+            trace_sun.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
+            shade_mirrors.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
+        }
         self.share_edges.launch(grid, scene, camera, 1, words, 0, 0, hits, visibility, counters)?;
         let light = (info, None, None);
-        let shading = &Shading { rays: 32, ..*shading };
+        // All that a frame may launch.
+        let shading = &Shading { rays: 32, guided: 1, sun_share: 0.25, lights: 1, ..*shading };
         let work = Work {
             scene,
             camera,

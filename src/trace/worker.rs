@@ -278,14 +278,36 @@ impl Worker for DeviceWorker {
             }
             let done = begun.and_then(|begun| begun.finish(&self.tracer));
             failed = done.is_err();
+            if failed {
+                // Kernels that wait in its queue may still write to memory of Vulkan's that the jobs keep.
+                work.iter().for_each(|(job, _)| std::mem::forget(job.clone()));
+            }
             tell(done);
         }
     }
 }
 
 impl Begun {
-    /// Waits for the part, and tells what was done.
+    /// Waits for the part, and tells what was done. After a failure nothing of it is let go of, which might wait for ever.
     fn finish(self, tracer: &Tracer) -> Result<PartResult> {
+        let light_rays = match &self.light_rays {
+            Some(rays) => rays.wait(),
+            None => Ok(()),
+        };
+        let copies = [
+            light_rays,
+            self.work.wait(),
+            self.samples.as_ref().map_or(Ok(()), Transfer::wait),
+            match &self.visibility {
+                Some(Visibility::Whole(records)) => records.wait(),
+                Some(Visibility::Packed(_, records)) => records.wait(),
+                None => Ok(()),
+            },
+        ];
+        if let Some(error) = copies.into_iter().find_map(Result::err) {
+            std::mem::forget(self);
+            return Err(error);
+        }
         let traced = tracer.finish(self.work)?;
         let light_rays = self.light_rays.map_or(Ok(0), |rays| Ok(u64::from(rays.into_memory()?[0])))?;
         let mut done = PartResult {

@@ -37,7 +37,7 @@ fn pictures(renderer: &mut Renderer, plan: &Plan) -> Vec<(Vec<u8>, Vec<u64>)> {
     (0..3).map(frame).collect()
 }
 
-/// A device that fails, or hangs, with the first eye leaves the second one undone too, which it has begun with; one that
+/// A device that fails, or hangs, with the first eye leaves the second one undone too, which it was told of; one that
 /// has done the first fails with the second. Either way the other does what is left in the same frame.
 #[test]
 fn a_device_that_fails_with_either_eye_leaves_no_hole() {

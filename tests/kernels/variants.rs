@@ -1,6 +1,7 @@
-//! Samples' light by both variants of the kernels: one kernel for packets, and a lane a light ray, as GPUs have it.
+//! Samples' light by both variants of the kernels: one kernel for packets, and those that hand light rays on in memory, as
+//! GPUs have it.
 
-use foveate::layout::SampleRecord;
+use foveate::layout::{SampleRecord, unpack_emission, unpack_normal24};
 use foveate::scene::{Glass, Layers, Material, Scene};
 use foveate::trace::{Settings, Traversal};
 use glam::{DVec3, Vec3};
@@ -48,6 +49,12 @@ fn alike(a: &SampleRecord, b: &SampleRecord) -> bool {
         let (a, b) = (DVec3::from(a.map(f64::from)), DVec3::from(b.map(f64::from)));
         (a - b).abs().max_element() <= 1e-3 * a.max_element() + 1e-5
     };
+    let normal = |packed: u32| DVec3::from(unpack_normal24(packed & 0xff_ffff).map(f64::from));
+    let light = |packed: u32| DVec3::from(unpack_emission(packed).map(f64::from));
+    // Directions of 10 bits an axis.
+    let toward =
+        |packed: u32| DVec3::from([22, 12, 2].map(|shift| f64::from((packed << shift) as i32 >> 22) / 511.0));
+    let directed = |(&a, &b): (&u32, &u32)| toward(a).distance(toward(b)) < 0.01;
     let noise = |record: &SampleRecord| record.toward[1] >> 30 | record.toward[2] >> 30 << 2;
     // The code of what hides the sun, and whether the pixel sees it.
     (a.depth - b.depth).abs() <= 1e-4 * a.depth
@@ -55,6 +62,9 @@ fn alike(a: &SampleRecord, b: &SampleRecord) -> bool {
         && near(a.second, b.second)
         && a.normal >> 24 == b.normal >> 24
         && noise(a) == noise(b)
+        && normal(a.normal).distance(normal(b.normal)) < 0.002
+        && light(a.reflected).distance(light(b.reflected)) <= 0.1 * light(a.reflected).max_element() + 1e-2
+        && a.toward.iter().zip(&b.toward).all(directed)
 }
 
 #[test]

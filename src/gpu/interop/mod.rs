@@ -3,8 +3,8 @@
 //! Where a probe at start proves that both see the same bytes, nothing is copied: a mapped Vulkan allocation
 //! is given to OpenCL as its own (`CL_MEM_USE_HOST_PTR`) by devices that use the host's memory, and imported
 //! from an opaque file descriptor where both APIs list that for one and the same device. Elsewhere the
-//! results are read back into that allocation, which is affordable since only samples cross, never pictures, and goes on
-//! while the next view is traced.
+//! results are read back into that allocation, which is affordable since only samples cross, never pictures, and for
+//! which the host does not wait.
 //!
 //! Two records of `src/layout/records.rs` cross, and nothing else:
 //!
@@ -160,7 +160,8 @@ impl<T: Pod> Shared<T> {
         let fits = first.checked_add(count).is_some_and(|end| end <= self.len);
         assert!(fits, "{count} elements at {first} do not fit {}", self.len);
         // SAFETY: the range lies in the mapping, which lives as long as any reference to the buffer; the host and Vulkan
-        // read it only when the transfer is done.
+        // read it when the transfer is done. A device that is given up as late may still write the values that others have
+        // written in its place; the next frame has another target then (`Scheduler::losses`).
         unsafe {
             let to = self.host.as_ptr().cast::<T>().add(first);
             from.start_read_to(first, count, to, self.vulkan())

@@ -63,7 +63,7 @@ impl Programs {
             kernels.push(self.pixels.kernel(name)?);
         }
         let bundles = self.bundles.as_ref().unwrap_or(&self.pixels);
-        for name in SampleShading::kernels(self.traversals.bundles) {
+        for name in SampleShading::kernels(self.traversals.bundles).iter().chain(&["light_cells"]) {
             kernels.push(bundles.kernel(name)?);
         }
         Ok(kernels.iter().map(Kernel::private_bytes).max().unwrap_or(0))

@@ -16,7 +16,7 @@ const BATCH: usize = 32;
 /// Words of memory of a light ray under way: planes in `kernels/gpu/shade.cl`.
 const RAY_WORDS: usize = 15;
 /// Work-items that look at what the light rays have met, for each sample under way.
-const LANES_PER_SAMPLE: usize = 2;
+const LANES_PER_SAMPLE: usize = 1;
 
 /// The kernels of a variant, and what they need in a device's memory.
 #[derive(Debug)]
@@ -141,7 +141,9 @@ impl Wavefront {
         let most = samples_under_way(device.info());
         let needed = (work.count as usize).min(most).max(1);
         if self.memory.as_ref().is_none_or(|memory| memory.samples < needed) {
-            self.memory = Some(Memory::new(device, needed)?);
+            // What is queued keeps the old one as long as it needs it.
+            self.memory = None;
+            self.memory = Some(Memory::new(device, needed.next_power_of_two().min(most))?);
         }
         let mut events = Vec::new();
         let mut done = 0;
@@ -232,17 +234,26 @@ fn lanes_of_hits(samples: usize) -> usize {
     (samples * LANES_PER_SAMPLE).next_multiple_of(Traversal::SingleRay.group())
 }
 
-/// Samples that are under way together at most: enough for all lanes of a graphics card; for processors as many as
-/// their caches hold.
+/// Samples that are under way together at most: one for each lane that a graphics card can have resident, within a sixteenth
+/// of its memory; for processors as many as their caches hold.
 fn samples_under_way(info: &DeviceInfo) -> usize {
-    if info.kind == "cpu" { 1024 } else { 32768 }
+    const RESIDENT: u64 = 2048;
+    if info.kind == "cpu" {
+        return 1024;
+    }
+    let room = info.memory / 16 / bytes_of(1024) * 1024;
+    (RESIDENT * u64::from(info.compute_units)).min(room).max(4096) as usize
 }
 
-/// The memory for these, in bytes.
-pub(super) fn bytes_under_way(info: &DeviceInfo) -> u64 {
-    let samples = samples_under_way(info);
+/// Bytes of memory for so many samples under way.
+fn bytes_of(samples: usize) -> u64 {
     let words = samples * BATCH * (RAY_WORDS + 1);
     (samples * STATE_BYTES + words * size_of::<u32>() + lanes_of_hits(samples) * SURFACE_BYTES) as u64
+}
+
+/// The memory that is needed at most, in bytes.
+pub(super) fn bytes_under_way(info: &DeviceInfo) -> u64 {
+    bytes_of(samples_under_way(info))
 }
 
 impl Memory {
