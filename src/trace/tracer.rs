@@ -1,6 +1,7 @@
 //! Kernels and buffers of one device, and a view's samples traced on it.
 
 mod camera;
+mod in_flight;
 mod launch;
 mod pattern;
 mod programs;
@@ -25,6 +26,7 @@ use super::light_cache::LightCache;
 use super::scene_buffers::DeformKernels;
 use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
+pub use in_flight::InFlight;
 pub(super) use pattern::BLOCKS_PER_TILE;
 pub use pattern::TracePattern;
 use pattern::{ROWS_PER_TILE, Ring};
@@ -103,28 +105,6 @@ pub struct Tracer {
     ring: Buffer<u32>,
     /// What pixels see, gathered for the host; grown when a part needs more.
     packed: Buffer<VisibilityRecord>,
-}
-
-/// Work under way: events whose times are read when it is done.
-#[derive(Debug)]
-pub struct InFlight {
-    /// Each part's camera rays and visibility, and its shading.
-    parts: Vec<(Vec<Event>, Vec<Event>)>,
-    camera_rays: u64,
-    /// Light rays, and samples that were dropped: the last that the queue does for it.
-    counters: Transfer<Vec<u32>>,
-    /// The host's side of what is copied to the device meanwhile.
-    _copied: Option<Transfer<Vec<u32>>>,
-}
-
-impl InFlight {
-    /// Waits until it is done.
-    ///
-    /// # Errors
-    /// [`crate::Error::Device`] where the device is lost.
-    pub(super) fn wait(&self) -> Result<()> {
-        self.counters.wait()
-    }
 }
 
 impl Tracer {
@@ -385,17 +365,7 @@ impl Tracer {
     /// # Errors
     /// [`crate::Error::Device`] where the device is lost.
     pub fn finish(&self, work: InFlight) -> Result<Traced> {
-        let counters = work.counters.into_memory()?;
-        let of_events = |events: &[Event]| events.iter().map(Event::device_ms).sum();
-        let times = |(trace, shade): &(Vec<Event>, Vec<Event>)| [of_events(trace), of_events(shade)];
-        let parts_ms: Vec<[f64; 2]> = work.parts.iter().map(times).collect();
-        Ok(Traced {
-            rays: work.camera_rays + u64::from(counters[0]),
-            dropped: counters[1],
-            trace_ms: parts_ms.iter().map(|ms| ms[0]).sum(),
-            shade_ms: parts_ms.iter().map(|ms| ms[1]).sum(),
-            parts_ms,
-        })
+        work.finish()
     }
 
     /// Starts gathering what the pixels of `tiles` see, tile by tile along the pattern's order, 256 records each in rows;

@@ -1,0 +1,42 @@
+//! Work that a device was given and is not done with.
+
+use super::Traced;
+use crate::error::Result;
+use crate::gpu::opencl::{Event, Transfer};
+
+/// Work under way: events whose times are read when it is done.
+#[derive(Debug)]
+pub struct InFlight {
+    /// Each part's camera rays and visibility, and its shading.
+    pub(super) parts: Vec<(Vec<Event>, Vec<Event>)>,
+    pub(super) camera_rays: u64,
+    /// Light rays, and samples that were dropped: the last that the queue does for it.
+    pub(super) counters: Transfer<Vec<u32>>,
+    /// The host's side of what is copied to the device meanwhile.
+    pub(super) _copied: Option<Transfer<Vec<u32>>>,
+}
+
+impl InFlight {
+    /// Waits until it is done.
+    ///
+    /// # Errors
+    /// [`crate::Error::Device`] where the device is lost.
+    pub(in crate::trace) fn wait(&self) -> Result<()> {
+        self.counters.wait()
+    }
+
+    /// Waits, and tells what was done.
+    pub(super) fn finish(self) -> Result<Traced> {
+        let counters = self.counters.into_memory()?;
+        let of_events = |events: &[Event]| events.iter().map(Event::device_ms).sum();
+        let times = |(trace, shade): &(Vec<Event>, Vec<Event>)| [of_events(trace), of_events(shade)];
+        let parts_ms: Vec<[f64; 2]> = self.parts.iter().map(times).collect();
+        Ok(Traced {
+            rays: self.camera_rays + u64::from(counters[0]),
+            dropped: counters[1],
+            trace_ms: parts_ms.iter().map(|ms| ms[0]).sum(),
+            shade_ms: parts_ms.iter().map(|ms| ms[1]).sum(),
+            parts_ms,
+        })
+    }
+}
