@@ -161,7 +161,7 @@ static uint ray_after(uint sought, bool found, uint triangle, uint target)
 __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *states, __global uint *light_rays, __global uint *queue)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0), queued = 0u;
+    uint k = (uint)get_global_id(0);
     if (k >= count)
         return;
     float3 origin = state_at(states, k)->sample.origin;

@@ -1,15 +1,16 @@
 // Small helpers, and the packing that src/layout/packing.rs documents.
 
 // Large functions that many places use are called on processors (see CALLS in src/trace/source.rs). On graphics cards what
-// traces is inlined: a scene whose address a called function gets would lie in memory, not in registers.
+// traces is inlined: a scene whose address a called function gets would lie in memory, not in registers. There only what is
+// given all by value is called (CALLED_ON_GPUS).
 #if CALLS
 #define CALLED __attribute__((noinline))
 #define INLINED
-#define SMALL_CALLED
+#define CALLED_ON_GPUS
 #else
 #define CALLED
 #define INLINED __attribute__((always_inline))
-#define SMALL_CALLED __attribute__((noinline))
+#define CALLED_ON_GPUS __attribute__((noinline))
 #endif
 
 // Contraction would break the exact antisymmetry of cross products that watertightness rests on;

@@ -513,8 +513,8 @@ CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 
     return s;
 }
 
-// Where a surface waits while rays that leave it are traced: on GPUs in memory, so that registers are free for rays. What it is
-// read by comes from memory anew after each ray.
+// Where a surface waits while rays that leave it are traced: on GPUs in memory, so that registers are free for rays. The
+// fence has it read from there again after each of them.
 #if SINGLE_RAYS
 #define KEPT __global
 #define KEPT_SURFACE(name, kept) \

@@ -102,7 +102,7 @@ static float level_of_detail(__global const TextureUse *use, const TextureInfo *
 // which spares more than half of the second look-ups and does not show. The share of the coarser one.
 static float blend_of_levels(float lod) { return clamp((lod - floor(lod)) * 2.5f - 0.75f, 0.0f, 1.0f); }
 
-SMALL_CALLED static float4 sample_texture(__global const TextureInfo *infos, __global const uint *bytes, __global const float *srgb,
+CALLED_ON_GPUS static float4 sample_texture(__global const TextureInfo *infos, __global const uint *bytes, __global const float *srgb,
                                           __global const TextureUse *use, float2 uv, float footprint)
 {
     Texels all = {bytes, srgb}, *texels = &all;

@@ -294,7 +294,7 @@ impl Begun {
             Some(rays) => rays.wait(),
             None => Ok(()),
         };
-        let copies = [
+        let waits = [
             light_rays,
             self.work.wait(),
             self.samples.as_ref().map_or(Ok(()), Transfer::wait),
@@ -304,7 +304,7 @@ impl Begun {
                 None => Ok(()),
             },
         ];
-        if let Some(error) = copies.into_iter().find_map(Result::err) {
+        if let Some(error) = waits.into_iter().find_map(Result::err) {
             std::mem::forget(self);
             return Err(error);
         }

@@ -82,9 +82,11 @@ pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals:
     self_test::run(device, &programs)
 }
 
-/// Bytes that a driver sets aside for the stacks of all work-items that may run at once: 2048 on a unit of a
-/// graphics card (NVIDIA's limit from compute capability 7.0 on, but for 7.5 and 8.x, which have fewer).
+/// Bytes that a driver sets aside for the stacks of all work-items that may run at once.
 fn stacks(info: &DeviceInfo, stack: u64) -> u64 {
-    const RESIDENT: u64 = 2048;
-    if info.kind == "gpu" { stack.saturating_mul(RESIDENT * u64::from(info.compute_units)) } else { 0 }
+    if info.kind == "gpu" {
+        stack.saturating_mul(shading::RESIDENT * u64::from(info.compute_units))
+    } else {
+        0
+    }
 }

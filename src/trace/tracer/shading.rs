@@ -15,8 +15,9 @@ use crate::trace::source::{STATE_BYTES, SURFACE_BYTES};
 const BATCH: usize = 32;
 /// Words of memory of a light ray under way: planes in `kernels/gpu/shade.cl`.
 const RAY_WORDS: usize = 15;
-/// Work-items that look at what the light rays have met, for each sample under way.
-const LANES_PER_SAMPLE: usize = 1;
+/// Work-items that a unit of a graphics card can have resident at most: NVIDIA's limit from compute capability 7.0 on, but for
+/// 7.5 and 8.x, which have fewer.
+pub(super) const RESIDENT: u64 = 2048;
 
 /// The kernels of a variant, and what they need in a device's memory.
 #[derive(Debug)]
@@ -231,13 +232,12 @@ fn rays_to_sun(shading: &layout::Shading) -> u32 {
 
 /// Work-items that look at what the light rays of so many samples have met: whole groups, all of whose work-items take part.
 fn lanes_of_hits(samples: usize) -> usize {
-    (samples * LANES_PER_SAMPLE).next_multiple_of(Traversal::SingleRay.group())
+    samples.next_multiple_of(Traversal::SingleRay.group())
 }
 
 /// Samples that are under way together at most: one for each lane that a graphics card can have resident, within a sixteenth
 /// of its memory; for processors as many as their caches hold.
 fn samples_under_way(info: &DeviceInfo) -> usize {
-    const RESIDENT: u64 = 2048;
     if info.kind == "cpu" {
         return 1024;
     }
