@@ -1,15 +1,16 @@
 //! What a new gaze costs: `cargo bench --bench gaze [-- --repeats 9]`.
 //!
 //! The gaze jumps from point to point, as eyes do. For each jump the pattern is made anew, and its neighbours are
-//! found on the presenting device. Prints the medians in a table in Markdown: `pattern` on the host, then the
-//! stages on the device, in milliseconds; `all` is from the jump until all is found. Then whole frames with the
+//! found on the presenting device. Prints the medians in a table in Markdown: the pattern, with samples sorted into cells, on the
+//! host and on the first OpenCL device, then the stages on the presenting device, in milliseconds; `all` is from the jump until
+//! all is found, with the pattern of the OpenCL device. Then whole frames with the
 //! default settings while the gaze goes around a circle, held for two frames at each point, and the head sways: what frames
 //! with a new gaze take, and those after them with the same one; least, and medians in brackets.
 
 use std::time::Instant;
 
 use foveate::config::{Config, Stereo};
-use foveate::foveation::{Law, Pattern};
+use foveate::foveation::{Cells, Law, Pattern};
 use foveate::frame::stereo::parallel_eyes;
 use foveate::frame::{Loaded, Output, Plan, Renderer};
 use foveate::gpu::opencl::{Device, device};
@@ -19,6 +20,7 @@ use foveate::math::view::{FieldOfView, View};
 use foveate::metrics::stats::median;
 use foveate::reconstruct::{Mode, Reconstruction, Settings};
 use foveate::scene::{default_viewpoint, generate};
+use foveate::trace::pattern_maker::{PatternMaker, Wanted};
 use glam::{DQuat, DVec2, DVec3};
 
 /// Where the eye looks, one after the other.
@@ -30,9 +32,13 @@ fn main() {
     let value = |flag: &str| arguments.iter().position(|a| a == flag).and_then(|at| arguments.get(at + 1));
     let repeats: usize = value("--repeats").map_or(3, |number| number.parse().expect("a number"));
     let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
-    println!("{} (Vulkan), medians of {} jumps, ms\n", context.report().name, repeats * GAZES.len());
-    println!("| view | samples | method | pattern | {} | all |", STAGES.join(" | "));
-    println!("| --- | --- | --- | --- | {} --- |", "--- | ".repeat(STAGES.len()));
+    let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
+    let device = Device::open(&info).expect("the OpenCL device");
+    let mut maker = PatternMaker::new(&device).expect("kernels");
+    let names = (context.report().name.clone(), repeats * GAZES.len());
+    println!("{} (OpenCL), {} (Vulkan), medians of {} jumps, ms\n", info.name, names.0, names.1);
+    println!("| view | samples | method | on the host | on the device | {} | all |", STAGES.join(" | "));
+    println!("| --- | --- | --- | --- | --- | {} --- |", "--- | ".repeat(STAGES.len()));
     let (guided, k_nearest) = (Mode::default(), Mode::KNearest);
     for (size, count, mode, law) in [
         ((1280, 800), 55_000, guided, Law::default()),
@@ -41,7 +47,7 @@ fn main() {
         ((1280, 800), 55_000, k_nearest, Law::default()),
         ((640, 800), 27_500, guided, Law::default()),
     ] {
-        let row = jumps(&context, size, count, mode, law, repeats);
+        let row = jumps(&context, &mut maker, size, count, mode, law, repeats);
         let method = if mode == Mode::KNearest { "k-nn" } else { "guided" };
         let name = if law == Law::default() { "" } else { ", log-polar" };
         println!("| {}x{}{name} | {count} | {method} | {row} |", size.0, size.1);
@@ -92,6 +98,7 @@ fn frames(context: &Context, loaded: &Loaded, (width, height): (u32, u32), repea
 /// The cells of one line.
 fn jumps(
     context: &Context,
+    maker: &mut PatternMaker,
     (width, height): (u32, u32),
     count: usize,
     mode: Mode,
@@ -108,13 +115,19 @@ fn jumps(
     };
     let mut reconstruction =
         Reconstruction::new(context, Settings { mode, ..Settings::default() }).expect("shaders");
-    let mut times: Vec<Vec<f64>> = vec![Vec::new(); STAGES.len() + 2];
+    let mut times: Vec<Vec<f64>> = vec![Vec::new(); STAGES.len() + 3];
     for jump in 0..=repeats * GAZES.len() {
         let gaze = DVec2::from(GAZES[jump % GAZES.len()]);
         let start = Instant::now();
         let pattern = Pattern::new(&view, &law, gaze, count);
-        let made = start.elapsed().as_secs_f64() * 1e3;
-        reconstruction.set_pattern(0, width, height, &pattern.samples).expect("a pattern");
+        std::hint::black_box(Cells::new(width, height, &pattern.samples).expect("cells"));
+        let on_host = start.elapsed().as_secs_f64() * 1e3;
+        let start = Instant::now();
+        let wanted = Wanted { view, law, gaze, count, hidden: None, lens: None };
+        let (pattern, cells) = maker.choose(&wanted).expect("a pattern");
+        let on_device = start.elapsed().as_secs_f64() * 1e3;
+        let size = (width, height);
+        reconstruction.set_sorted_pattern(0, size, &pattern.samples, Some(cells)).expect("neighbours");
         let stages = reconstruction.wait_pattern(0).expect("neighbours");
         let all = start.elapsed().as_secs_f64() * 1e3;
         // Drivers finish building shaders at their first use.
@@ -122,7 +135,7 @@ fn jumps(
             continue;
         }
         let found = STAGES.map(|name| stages.iter().filter(|s| s.stage == name).map(|s| s.ms).sum());
-        let all = [made].into_iter().chain(found).chain([all]);
+        let all = [on_host, on_device].into_iter().chain(found).chain([all]);
         times.iter_mut().zip(all).for_each(|(times, ms)| times.push(ms));
     }
     let cell = |times: &Vec<f64>| format!("{:.1}", median(times).unwrap_or(0.0));

@@ -38,6 +38,20 @@ typedef struct {
 } Camera;
 
 typedef struct {
+    uint width;
+    uint height;
+    uint picture_width;
+    uint form;
+    uint cell_shift;
+    float least;
+    float scale;
+    float power;
+    float start;
+    float step;
+    float gaze[3];
+} SampleLaw;
+
+typedef struct {
     uint rays;
     uint bounces;
     uint cached;
@@ -246,3 +260,7 @@ typedef struct {
 #define ANISOTROPY_TEXTURE 0xcu
 #define TRANSMISSION_TEXTURE 0xdu
 #define IS_MAPPED 0x40000000u
+#define LAW_LEVEL 0x0u
+#define LAW_POWER 0x1u
+#define LAW_LINEAR_MAR 0x2u
+#define LAW_LOG_POLAR 0x3u

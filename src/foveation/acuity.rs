@@ -4,7 +4,8 @@ use glam::{DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::Density;
-use super::law::{Law, usable_gaze};
+use super::density::usable_gaze;
+use super::law::Law;
 use crate::math::view::View;
 
 /// Pixels between two points at which a law is summed up.

@@ -5,11 +5,10 @@
 
 use std::str::FromStr;
 
-use glam::{DVec2, DVec3, Vec2};
+use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use super::lens::Lens;
-use super::vectorised::{arc_sine, log2, power_of};
+use super::density::Density;
 use crate::error::{Error, Result};
 use crate::math::view::View;
 
@@ -159,168 +158,10 @@ impl Law {
     }
 }
 
-/// How far outside the image a gaze is followed, in image sizes; beyond, densities hardly change.
-const FARTHEST_GAZE: f64 = 8.0;
-
-/// The distance in pixels within which the laws that grow without bound towards the gaze stay level:
-/// pixels nearer than this get a sample anyway.
-const LEAST_DISTANCE: f64 = 2.0;
-
-/// The gaze in 0..1 that patterns use: one that is not a number becomes the view's optical centre, one
-/// that is very far outside is brought nearer.
-pub(super) fn usable_gaze(view: &View, gaze: DVec2) -> DVec2 {
-    let gaze = if gaze.is_nan() { view.optical_centre() } else { gaze };
-    let gaze = if gaze.is_nan() { DVec2::splat(0.5) } else { gaze };
-    gaze.clamp(DVec2::splat(-FARTHEST_GAZE), DVec2::splat(1.0 + FARTHEST_GAZE))
-}
-
-/// A law made ready for one view and one gaze.
-#[derive(Clone, Copy, Debug)]
-pub struct Density {
-    view: View,
-    /// The gaze in pixels.
-    gaze: DVec2,
-    form: Form,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Form {
-    /// (max(r², least) / least)^half_exponent.
-    Power {
-        least: f64,
-        half_exponent: f64,
-    },
-    /// (1 + per_radian e)^-2 over the solid angle of a pixel; the gaze as a unit vector.
-    LinearMar {
-        per_radian: f64,
-        gaze: DVec3,
-    },
-    /// ln(r)^(1/alpha - 1) / r².
-    LogPolar {
-        power: f64,
-    },
-    Level,
-}
-
-impl Density {
-    /// Makes a law ready for the picture that a view shows; parameters are expected to be valid.
-    pub fn new(law: &Law, view: &View, gaze: DVec2) -> Self {
-        let view = &view.picture();
-        let size = DVec2::new(f64::from(view.width), f64::from(view.height));
-        let gaze = usable_gaze(view, gaze) * size;
-        let form = match *law {
-            Law::Paper { exponent, centre_area } => {
-                let squared = centre_area * size.x * size.y / std::f64::consts::PI;
-                let least = squared.max(LEAST_DISTANCE * LEAST_DISTANCE);
-                Form::Power { least, half_exponent: exponent * 0.5 }
-            }
-            Law::LinearMar { slope, w0 } => {
-                let per_radian = slope / w0.to_radians();
-                Form::LinearMar { per_radian, gaze: view.eye_direction(gaze).normalize() }
-            }
-            Law::LogPolar { alpha } => Form::LogPolar { power: 1.0 / alpha - 1.0 },
-            Law::Uniform | Law::Full => Form::Level,
-        };
-        Density { view: *view, gaze, form }
-    }
-
-    /// The gaze in pixels from the upper left corner, always finite.
-    pub fn gaze(&self) -> DVec2 {
-        self.gaze
-    }
-
-    /// Relative density at a point of the image in pixels.
-    pub fn at(&self, pixel: DVec2) -> f64 {
-        let squared = (pixel - self.gaze).length_squared();
-        match self.form {
-            Form::Power { least, half_exponent } => (squared.max(least) / least).powf(half_exponent),
-            Form::LinearMar { per_radian, gaze } => {
-                let direction = self.view.eye_direction(pixel);
-                let unit = direction.normalize();
-                let eccentricity = 2.0 * ((unit - gaze).length() * 0.5).min(1.0).asin();
-                // A pixel of a plane image at unit distance fills a solid angle of cos³ of its angle.
-                let solid_angle = direction.length_squared().powf(-1.5);
-                solid_angle / (1.0 + per_radian * eccentricity).powi(2)
-            }
-            Form::LogPolar { power } => {
-                let squared = squared.max(LEAST_DISTANCE * LEAST_DISTANCE);
-                (squared.ln() * 0.5).powf(power) / squared
-            }
-            Form::Level => 1.0,
-        }
-    }
-
-    /// Relative densities at points (x, y) of a row of the picture, in pixels, to some six digits.
-    pub fn row(&self, columns: &[f32], y: f64, out: &mut [f32]) {
-        let (dy, gaze_x) = ((y - self.gaze.y) as f32, self.gaze.x as f32);
-        let squared = |x: f32| {
-            let dx = x - gaze_x;
-            dx * dx + dy * dy
-        };
-        let points = columns.iter().zip(out.iter_mut());
-        match self.form {
-            Form::Power { least, half_exponent } => {
-                let (least, scale, power) = (least as f32, (1.0 / least) as f32, half_exponent as f32);
-                points.for_each(|(&x, d)| *d = power_of(squared(x).max(least) * scale, power));
-            }
-            Form::LinearMar { per_radian, gaze } => {
-                let start = self.view.eye_direction(DVec2::new(0.0, y)).as_vec3();
-                let step = (self.view.fov.right - self.view.fov.left) / f64::from(self.view.width);
-                let (step, gaze, per_radian) = (step as f32, gaze.as_vec3(), per_radian as f32);
-                points.for_each(|(&x, d)| {
-                    let x = start.x + step * x;
-                    let inverse = 1.0 / (x * x + start.y * start.y + 1.0).sqrt();
-                    let (ex, ey, ez) = (x * inverse - gaze.x, start.y * inverse - gaze.y, -inverse - gaze.z);
-                    let half_chord = 0.5 * (ex * ex + ey * ey + ez * ez).sqrt();
-                    let blur = 1.0 + per_radian * 2.0 * arc_sine(half_chord);
-                    *d = inverse * inverse * inverse / (blur * blur);
-                });
-            }
-            Form::LogPolar { power } => {
-                let (least, power) = ((LEAST_DISTANCE * LEAST_DISTANCE) as f32, power as f32);
-                points.for_each(|(&x, d)| {
-                    let squared = squared(x).max(least);
-                    *d = power_of(log2(squared) * (0.5 * std::f32::consts::LN_2), power) / squared;
-                });
-            }
-            Form::Level => out.fill(1.0),
-        }
-    }
-
-    /// The same for a view that is seen through a lens: laws of distances in pixels hold on the panel, so
-    /// that what the lens shows smaller gets fewer samples. Laws of angles hold as they are, since a lens
-    /// undoes in angle what it does to the panel.
-    pub(super) fn row_through(&self, lens: &Lens, columns: &[f32], y: f64, out: &mut [f32]) {
-        if let Form::LinearMar { .. } = self.form {
-            return self.row(columns, y, out);
-        }
-        let gaze = lens.shown((self.gaze - lens.centre()).as_vec2()).0;
-        let start = (DVec2::new(0.0, y) - lens.centre()).as_vec2();
-        columns.iter().zip(out).for_each(|(&x, density)| {
-            let (shown, area) = lens.shown(start + Vec2::X * x);
-            *density = self.form.at_distance(shown.distance_squared(gaze)) * area;
-        });
-    }
-}
-
-impl Form {
-    /// Relative density at a squared distance from the gaze in pixels; 1 for laws of angles.
-    fn at_distance(&self, squared: f32) -> f32 {
-        match *self {
-            Form::Power { least, half_exponent } => {
-                (squared.max(least as f32) / least as f32).powf(half_exponent as f32)
-            }
-            Form::LogPolar { power } => {
-                let squared = squared.max((LEAST_DISTANCE * LEAST_DISTANCE) as f32);
-                (squared.ln() * 0.5).powf(power as f32) / squared
-            }
-            Form::LinearMar { .. } | Form::Level => 1.0,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::math::pose::Pose;
     use crate::math::view::FieldOfView;
@@ -381,26 +222,6 @@ mod tests {
         let size = DVec2::new(700.0, 500.0);
         let ratio = law.density(&view, gaze, pixel) / law.density(&view, gaze, gaze * size);
         assert!((ratio - 0.25 * 20f64.to_radians().cos().powi(3)).abs() < 1e-12, "{ratio}");
-    }
-
-    #[test]
-    fn rows_agree_with_points() {
-        let view = view();
-        let mut row = vec![0.0; 700];
-        let columns: Vec<f32> = (0..700u16).map(|x| f32::from(x) + 0.5).collect();
-        for name in NAMES {
-            for gaze in [DVec2::splat(0.5), DVec2::new(-7.0, 3.0), DVec2::NAN, DVec2::new(0.001, 0.999)] {
-                let density = Density::new(&name.parse().unwrap(), &view, gaze);
-                for y in [0, 250, 499] {
-                    density.row(&columns, f64::from(y) + 0.5, &mut row);
-                    for (x, &value) in row.iter().enumerate() {
-                        let exact = density.at(DVec2::new(x as f64 + 0.5, f64::from(y) + 0.5));
-                        let error = f64::from(value) / exact - 1.0;
-                        assert!(exact > 0.0 && error.abs() < 1e-4, "{name} {gaze} ({x}, {y}): {error}");
-                    }
-                }
-            }
-        }
     }
 
     #[test]

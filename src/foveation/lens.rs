@@ -3,7 +3,7 @@
 use glam::{DVec2, Vec2};
 
 /// Steps of the table over the squared radius.
-const STEPS: usize = 1024;
+pub(crate) const STEPS: usize = 1024;
 
 /// A lens that shows a view's pixels on a panel, moved along lines from its centre only.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,11 +34,22 @@ impl Lens {
     /// Where on the panel a point of the view is shown, both in pixels from the lens's centre, and the area
     /// that a unit of the view's area has there.
     pub(super) fn shown(&self, from_centre: Vec2) -> (Vec2, f32) {
-        let place = (from_centre.length_squared() * self.steps as f32).min(STEPS as f32);
+        let place = (from_centre.length_squared() * self.steps()).min(STEPS as f32);
         let step = (place as usize).min(STEPS - 1);
         let (below, above, part) = (self.table[step], self.table[step + 1], place - step as f32);
         let between = |i: usize| below[i] + (above[i] - below[i]) * part;
         (from_centre * between(0), between(1))
+    }
+
+    /// Steps of the table for a squared pixel of radius.
+    pub(super) fn steps(&self) -> f32 {
+        self.steps as f32
+    }
+
+    /// Over the squared radius: the radius on the panel by that in the view, and the area on the panel of a unit of area in
+    /// the view.
+    pub(crate) fn table(&self) -> &[[f32; 2]] {
+        &self.table
     }
 
     /// The lens's centre in the view's pixels.

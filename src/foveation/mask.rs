@@ -48,6 +48,11 @@ impl BitMask {
         self.words[bit / 64] >> (bit % 64) & 1 == 1
     }
 
+    /// Its bits, row after row, the first in the lowest.
+    pub(crate) fn words(&self) -> &[u64] {
+        &self.words
+    }
+
     /// Number of hidden pixels.
     pub fn count(&self) -> usize {
         self.words.iter().map(|word| word.count_ones() as usize).sum()

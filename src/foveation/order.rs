@@ -42,7 +42,7 @@ pub(super) fn from_morton_16x16(code: u32) -> (u32, u32) {
 }
 
 /// The cells of a grid, x + y * width, along the Hilbert curve of the smallest square that holds it.
-pub(super) fn hilbert(width: u32, height: u32) -> Vec<u32> {
+pub(crate) fn hilbert(width: u32, height: u32) -> Vec<u32> {
     let mut cells = Vec::with_capacity(width as usize * height as usize);
     let side = width.max(height).max(1).next_power_of_two();
     let start = Square { corner: (0, 0), across: (side as i32, 0), down: (0, side as i32) };

@@ -13,11 +13,11 @@
 use glam::DVec2;
 use rayon::prelude::*;
 
-use super::law::{Density, Law};
+use super::keys::Keys;
+use super::law::Law;
 use super::lens::Lens;
 use super::mask::BitMask;
 use super::order;
-use crate::math::blue_noise;
 use crate::math::view::View;
 
 /// Pixels along a side of a tile.
@@ -41,9 +41,6 @@ pub struct Pattern {
     /// The tiles along the curve that the samples follow.
     pub order: Vec<u32>,
 }
-
-/// The key of a pixel that gets no sample: above every other.
-const HIDDEN: u32 = u32::MAX;
 
 impl Pattern {
     /// Chooses `count` pixels of a view, but at least 1 and at most all.
@@ -99,26 +96,14 @@ impl Pattern {
         lens: Option<&Lens>,
     ) -> Self {
         assert!(view.width <= MAX_SIDE && view.height <= MAX_SIDE, "view is too large for a pattern");
-        let (density, columns) = (Density::new(law, view, gaze), Columns::new(view));
+        let keys_of = Keys::new(view, law, gaze, lens, hidden);
         let mut keys = vec![0u32; view.pixels()];
-        let write_row = |y: usize, densities: &mut [f32], keys: &mut [u32]| {
-            let (row, height) = columns.row(view, y);
-            match lens {
-                Some(lens) => density.row_through(lens, &columns.points, row, densities),
-                None => density.row(&columns.points, row, densities),
-            }
-            columns.spread(height, densities);
-            row_keys(y as u32, densities, keys);
-            if let Some(hidden) = hidden {
-                columns.hide(hidden, row, keys);
-            }
-        };
         let width = (view.width as usize).max(1);
         let rows = (view.height as usize).div_ceil(rayon::current_num_threads() * 4).max(1);
         let bands = keys.par_chunks_mut(width * rows).enumerate().map(|(band, keys)| {
             let (mut densities, mut histogram) = (vec![0.0; width], Histogram::default());
             for (y, keys) in (band * rows..).zip(keys.chunks_exact_mut(width)) {
-                write_row(y, &mut densities, keys);
+                keys_of.write_row(y as u32, &mut densities, keys);
                 histogram.count(keys);
             }
             histogram
@@ -127,6 +112,20 @@ impl Pattern {
         let visible = keys.len() - histogram.hidden();
         let count = if *law == Law::Full { visible } else { count.clamp(1, visible.max(1)).min(visible) };
         Self::gather(view, &keys, histogram.limit(&keys, count))
+    }
+
+    /// A pattern by its list, the tiles along its order, and where in the list each tile's samples begin.
+    ///
+    /// # Panics
+    /// If there are not as many starts as tiles.
+    pub(crate) fn of_list(view: &View, samples: Vec<u32>, order: Vec<u32>, starts: &[u32]) -> Self {
+        assert_eq!(starts.len(), order.len(), "starts and tiles differ in number");
+        let ends = starts.iter().skip(1).copied().chain([samples.len() as u32]);
+        let mut tiles = vec![[0, 0]; order.len()];
+        for ((&tile, &start), end) in order.iter().zip(starts).zip(ends) {
+            tiles[tile as usize] = [start, end - start];
+        }
+        Pattern { width: view.width, height: view.height, samples, tiles, order }
     }
 
     /// Lists the pixels within the limit tile by tile.
@@ -159,72 +158,6 @@ impl Pattern {
         }
         pattern
     }
-}
-
-/// The columns of a view: where in its picture they are, and how many of its pixels they are wide.
-struct Columns {
-    points: Vec<f32>,
-    /// Empty where each is the picture's own.
-    widths: Vec<f32>,
-}
-
-impl Columns {
-    fn new(view: &View) -> Columns {
-        let columns = &view.spacing.columns;
-        let centre = |x: u32| f64::from(x) + 0.5;
-        Columns {
-            points: (0..view.width).map(|x| columns.point(centre(x)) as f32).collect(),
-            widths: match view.spacing.is_even() {
-                true => Vec::new(),
-                false => (0..view.width).map(|x| columns.width(centre(x)) as f32).collect(),
-            },
-        }
-    }
-
-    /// Where in the picture a row is, and its height.
-    fn row(&self, view: &View, y: usize) -> (f64, f32) {
-        let rows = &view.spacing.rows;
-        let centre = y as f64 + 0.5;
-        (rows.point(centre), rows.width(centre) as f32)
-    }
-
-    /// Makes densities per pixel of the picture those per pixel of the view.
-    fn spread(&self, height: f32, densities: &mut [f32]) {
-        self.widths.iter().zip(densities).for_each(|(&width, density)| *density *= width * height);
-    }
-
-    /// Takes the hidden pixels of a row out.
-    fn hide(&self, hidden: &BitMask, row: f64, keys: &mut [u32]) {
-        let inside = |point: f64, size: u32| (point.max(0.0) as u32).min(size.saturating_sub(1));
-        let y = inside(row, hidden.height());
-        for (&x, key) in self.points.iter().zip(keys) {
-            if hidden.get(inside(f64::from(x), hidden.width()), y) {
-                *key = HIDDEN;
-            }
-        }
-    }
-}
-
-/// Writes the keys of one row: the bits of rank / density, which order like the numbers themselves.
-fn row_keys(y: u32, densities: &[f32], keys: &mut [u32]) {
-    const SIZE: usize = blue_noise::SIZE;
-    let ranks = &blue_noise::ranks()[y as usize % SIZE * SIZE..][..SIZE];
-    let blocks = keys.chunks_mut(SIZE).zip(densities.chunks(SIZE)).enumerate();
-    for (block, (keys, densities)) in blocks {
-        let offset = repetition_offset(block as u32, y / SIZE as u32);
-        for ((key, &density), &rank) in keys.iter_mut().zip(densities).zip(ranks) {
-            *key = ((f32::from(rank) + offset) / density).to_bits();
-        }
-    }
-}
-
-/// What a repetition of the mask adds to its ranks, in 1/256 of a rank: repetitions take their next
-/// point in turn, and in an order that is itself spread over the screen (M. Roberts' R2 sequence, 2018).
-fn repetition_offset(across: u32, down: u32) -> f32 {
-    let fraction =
-        (0.5 + f64::from(across) * 0.754_877_666_246_692_7 + f64::from(down) * 0.569_840_290_998_053_2)
-            .fract();
-    ((fraction * 256.0).floor() / 256.0) as f32
 }
 
 /// Which pixels are samples: those with a key below `key`, and those with just this key up to a pixel.

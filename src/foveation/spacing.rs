@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::law::usable_gaze;
+use super::density::usable_gaze;
 use crate::math::spacing::{Axis, Spacing};
 use crate::math::view::View;
 

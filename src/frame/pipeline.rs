@@ -5,8 +5,8 @@
 //!
 //! - prepare_view (`src/foveation/spacing.rs`, `src/foveation/pattern.rs`, `src/reconstruct/tables.rs`): only
 //!   when gaze or view have changed, for all views before any is traced: `spaced` makes the view's pixels wider
-//!   where the eye resolves less (guided; docs/foveation.md), `Pattern::new` chooses the pixels to sample,
-//!   `Reconstruction::set_pattern` has the nearest samples of each pixel and each sample found on the Vulkan
+//!   where the eye resolves less (guided; docs/foveation.md), `PatternMaker::choose` (`kernels/pattern.cl`) or, at first,
+//!   `Pattern::new` chooses the pixels to sample, `Reconstruction::set_pattern` has the nearest samples of each pixel and each sample found on the Vulkan
 //!   device, beside the first view's tracing
 //! - split (`Balancer::split` in `src/frame/balance/mod.rs`): each device gets a run of the samples, and of
 //!   the tiles under them
@@ -59,6 +59,7 @@ use crate::math::view::View;
 use crate::reconstruct::{self, Frame, Overlay, Reconstruction};
 use crate::scene::Sun;
 use crate::scene::hands::HandPlaces;
+use crate::trace::pattern_maker::Patterns;
 use crate::trace::{self, Fleet, MovingScene, MovingSky, SceneState, SkyState};
 use patterns::TracedView;
 pub use report::{FrameReport, Output, StageMs};
@@ -70,7 +71,8 @@ pub struct Renderer {
     reconstruction: Reconstruction,
     context: Context,
     law: Law,
-    lenses: Vec<Lens>,
+    lenses: Vec<Arc<Lens>>,
+    patterns: Patterns,
     samples: Samples,
     visibility_slope: f64,
     settings: trace::Settings,
@@ -264,7 +266,7 @@ impl Renderer {
     /// Views are seen through these lenses, one for each of them in their order, from the first frame on:
     /// see [`crate::foveation::Pattern::through`].
     pub fn with_lenses(self, lenses: Vec<Lens>) -> Self {
-        Renderer { lenses, ..self }
+        Renderer { lenses: lenses.into_iter().map(Arc::new).collect(), ..self }
     }
 
     /// How samples get from the first OpenCL device to Vulkan; those of the others are copied.

@@ -1,7 +1,7 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 28] {
+pub(super) fn named() -> [(&'static str, u32); 32] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
@@ -31,9 +31,21 @@ pub(super) fn named() -> [(&'static str, u32); 28] {
         ("ANISOTROPY_TEXTURE", 12),
         ("TRANSMISSION_TEXTURE", 13),
         ("IS_MAPPED", IS_MAPPED),
+        ("LAW_LEVEL", LAW_LEVEL),
+        ("LAW_POWER", LAW_POWER),
+        ("LAW_LINEAR_MAR", LAW_LINEAR_MAR),
+        ("LAW_LOG_POLAR", LAW_LOG_POLAR),
     ]
 }
 
+/// In [`super::SampleLaw::form`]: the same density everywhere.
+pub const LAW_LEVEL: u32 = 0;
+/// A power of the distance from the gaze.
+pub const LAW_POWER: u32 = 1;
+/// Resolution that falls linearly with the angle from the gaze.
+pub const LAW_LINEAR_MAR: u32 = 2;
+/// A log-polar map's.
+pub const LAW_LOG_POLAR: u32 = 3;
 /// In [`super::WideNode::children`]: a child slot without a child.
 pub const EMPTY: u32 = u32::MAX;
 /// Marks a child that is a leaf: then bits 28..31 hold its number of triangles less one, and the

@@ -36,6 +36,32 @@ pub struct Camera {
     pub jitter: u32,
 }
 
+/// A law of sample density for a view and a gaze, in single precision: see `src/foveation/density.rs`.
+pub struct SampleLaw {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Pixels across the picture that the view shows.
+    pub picture_width: u32,
+    /// [`super::LAW_POWER`] and those beside it.
+    pub form: u32,
+    /// Searches have samples in cells that are two to its power pixels wide.
+    pub cell_shift: u32,
+    /// Squared distances from the gaze are at least this.
+    pub least: f32,
+    /// What they are multiplied by before the power.
+    pub scale: f32,
+    /// The power; for laws of angles the loss of resolution per radian.
+    pub power: f32,
+    /// What columns begin with: for laws of angles the first direction, behind a lens the distance to its centre.
+    pub start: f32,
+    /// For laws of angles directions' change per pixel, behind a lens the steps of its table for a squared pixel.
+    pub step: f32,
+    /// The gaze: a column, behind a lens a point of the panel from its centre, for laws of angles a unit vector.
+    pub gaze: [f32; 3],
+}
+
 /// How samples are shaded.
 pub struct Shading {
     /// Light rays per sample.

@@ -19,7 +19,7 @@ mod tree;
 pub use cache::{CacheCell, CacheInfo, CacheSum};
 pub use constants::*;
 pub use deform::{Influence, Morph, RestVertex};
-pub use frame::{Camera, HitRecord, Shading};
+pub use frame::{Camera, HitRecord, SampleLaw, Shading};
 pub use packing::{
     NOISE_UNLIT, noise_code, noise_variance, pack_emission, pack_normal, pack_normal24, pack_surface,
     unpack_emission, unpack_normal, unpack_normal24, unpack_surface,

@@ -14,7 +14,6 @@
 
 mod denoise;
 mod frame;
-mod grid;
 mod history;
 mod magnify;
 mod motion_vectors;
@@ -43,6 +42,7 @@ pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weight
 use glam::DVec2;
 
 use crate::error::Result;
+use crate::foveation::Cells;
 use crate::gpu::vulkan::{Attachments, BufferRef, Commands, Context, HostBuffer, PassPipeline, StageTime};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
@@ -137,6 +137,20 @@ impl Reconstruction {
     /// [`crate::Error::Setting`] without samples, with a sample outside the view, with more samples or pixels
     /// than the device reaches; [`crate::Error::Device`] without memory.
     pub fn set_pattern(&mut self, view: usize, width: u32, height: u32, samples: &[u32]) -> Result<()> {
+        self.set_sorted_pattern(view, (width, height), samples, None)
+    }
+
+    /// The same with samples that may be sorted already.
+    ///
+    /// # Errors
+    /// As [`Reconstruction::set_pattern`].
+    pub fn set_sorted_pattern(
+        &mut self,
+        view: usize,
+        size: (u32, u32),
+        samples: &[u32],
+        cells: Option<Cells>,
+    ) -> Result<()> {
         assert!(view <= self.views.len(), "view {view} comes before view {}", self.views.len());
         if view == self.views.len() {
             self.views.push(ViewState {
@@ -155,7 +169,7 @@ impl Reconstruction {
         }
         let state = &mut self.views[view];
         state.commands.wait()?;
-        state.tables.set(&self.context, &self.settings, &self.finders, (width, height), samples)
+        state.tables.set(&self.context, &self.settings, &self.finders, size, samples, cells)
     }
 
     /// Waits for the neighbours of a view's pattern, and says how long finding them took; empty if

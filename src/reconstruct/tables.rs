@@ -11,10 +11,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::grid::{Grid, one_to_one};
 use super::settings::{PREPARED_BYTES, Settings, Weights};
 use super::{Mode, shaders};
 use crate::error::{Error, Result};
+use crate::foveation::{Cells, one_to_one};
 use crate::gpu::vulkan::{
     BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer, StageTime,
 };
@@ -196,7 +196,7 @@ impl Tables {
         self.commands.wait()
     }
 
-    /// Starts finding the neighbours of a new pattern.
+    /// Starts finding the neighbours of a new pattern, whose samples may be sorted already.
     pub fn set(
         &mut self,
         context: &Context,
@@ -204,8 +204,9 @@ impl Tables {
         finders: &Finders,
         size: (u32, u32),
         samples: &[u32],
+        cells: Option<Cells>,
     ) -> Result<()> {
-        let started = self.start(context, settings, finders, size, samples);
+        let started = self.start(context, settings, finders, size, samples, cells);
         if started.is_err() {
             // A pattern that failed half way must not be drawn.
             (self.width, self.height, self.count) = (0, 0, 0);
@@ -221,11 +222,16 @@ impl Tables {
         finders: &Finders,
         (width, height): (u32, u32),
         samples: &[u32],
+        cells: Option<Cells>,
     ) -> Result<()> {
         check_size(context, (width, height))?;
         let map = one_to_one(width, height, samples);
         check_count(context, settings, (width, height), samples.len(), map.is_some())?;
-        let grid = if map.is_none() { Some(Grid::new(width, height, samples)?) } else { None };
+        let cells = match (&map, cells) {
+            (Some(_), _) => None,
+            (None, None) => Some(Cells::new(width, height, samples)?),
+            (None, given) => given,
+        };
         let k = if map.is_some() { 1 } else { settings.k.min(samples.len() as u32) };
         self.commands.begin()?;
         let mut shape = (self.width, self.height, self.k);
@@ -244,14 +250,14 @@ impl Tables {
             self.nearest = None;
             self.neighbours = 1;
             self.bands = self.own_samples(context, &map)?;
-        } else if let Some(grid) = grid {
+        } else if let Some(cells) = cells {
             if !same {
                 self.bands = empty_bands(context, (width, height), k)?;
             }
             for band in &mut self.bands {
                 (band.first_sample, band.samples) = (0, samples.len());
             }
-            self.find(context, settings, finders, &grid)?;
+            self.find(context, settings, finders, &cells)?;
         }
         self.commands.submit()
     }
@@ -281,9 +287,15 @@ impl Tables {
     }
 
     /// Records the searches.
-    fn find(&mut self, context: &Context, settings: &Settings, finders: &Finders, grid: &Grid) -> Result<()> {
-        let sorted = upload(context, &mut self.commands, &grid.sorted)?;
-        let cell_start = upload(context, &mut self.commands, &grid.cell_start)?;
+    fn find(
+        &mut self,
+        context: &Context,
+        settings: &Settings,
+        finders: &Finders,
+        cells: &Cells,
+    ) -> Result<()> {
+        let sorted = upload(context, &mut self.commands, &cells.sorted)?;
+        let cell_start = upload(context, &mut self.commands, &cells.starts)?;
         let blocks = [self.width.div_ceil(BLOCK), self.height.div_ceil(BLOCK)];
         let radii = device(context, blocks[0] as usize * blocks[1] as usize * 4)?;
         self.commands.end_stage("upload");
@@ -293,8 +305,8 @@ impl Tables {
             width: self.width,
             height: self.height,
             count: self.count as u32,
-            cell_shift: grid.cell_shift,
-            cells_across: grid.cells_across,
+            cell_shift: cells.shift,
+            cells_across: cells.across,
             wanted,
             first_radius: self.usual_radius(wanted),
             weights: match settings.weights {

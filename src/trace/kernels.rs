@@ -4,7 +4,7 @@
 use crate::error::Result;
 use crate::gpu::opencl::{Arg, Buffer, Event, Kernel, Program};
 use crate::layout::{
-    CacheCell, CacheInfo, CacheSum, Camera, CompactNode, HitRecord, Influence, Morph, RestVertex,
+    CacheCell, CacheInfo, CacheSum, Camera, CompactNode, HitRecord, Influence, Morph, RestVertex, SampleLaw,
     SampleRecord, Shading, Triangle, VisibilityRecord, WideNode,
 };
 
@@ -64,7 +64,7 @@ macro_rules! by_value {
         }
     )*};
 }
-by_value!(Camera, Shading, CacheInfo, f32);
+by_value!(Camera, SampleLaw, Shading, CacheInfo, f32);
 
 macro_rules! kernels {
     ($($(#[$doc:meta])* $type:ident = $name:ident($($arg:ident: $given:ty),* $(,)?);)*) => {
@@ -220,6 +220,41 @@ kernels! {
         wide: Option<&Buffer<WideNode>>, compact: Option<&Buffer<CompactNode>>, list: &Buffer<u32>, first: u32,
         count: u32, leaves: &Buffer<f32>, top: u32, first_node: u32, boxes: &Buffer<f32>,
     );
+    /// The numbers by which samples are chosen.
+    SampleKeys = sample_keys(
+        law: &SampleLaw, columns: &Buffer<f32>, rows: &Buffer<[f32; 2]>, lens: Option<&Buffer<[f32; 2]>>,
+        ranks: &Buffer<f32>, repetitions: &Buffer<f32>, places: &Buffer<u32>, hidden: Option<&Buffer<u32>>,
+        keys: &Buffer<u32>,
+    );
+    /// Counts them by some of their bits.
+    CountKeys = count_keys(
+        keys: &Buffer<u32>, count: u32, shift: u32, found: u32, selection: &Buffer<u32>, histogram: &Buffer<u32>,
+    );
+    /// Finds those bits of the limit.
+    SelectKey = select_key(
+        shift: u32, asked: u32, count: u32, selection: &Buffer<u32>, histogram: &Buffer<u32>,
+    );
+    /// Chooses among equal ones.
+    SelectPixel = select_pixel(keys: &Buffer<u32>, count: u32, selection: &Buffer<u32>);
+    /// Marks and counts samples block by block.
+    MarkSamples = mark_samples(
+        law: &SampleLaw, keys: &Buffer<u32>, order: &Buffer<u32>, blocks: u32, selection: &Buffer<u32>,
+        marks: &Buffer<u32>, counts: &Buffer<u32>,
+    );
+    /// Sums of runs of counts.
+    SumCounts = sum_counts(counts: &Buffer<u32>, count: u32, sums: &Buffer<u32>);
+    /// What is before each run.
+    ScanSums = scan_sums(sums: &Buffer<u32>, runs: u32);
+    /// What is before each count.
+    ScanCounts = scan_counts(
+        counts: &Buffer<u32>, count: u32, blocks: u32, sums: &Buffer<u32>, selection: &Buffer<u32>,
+        starts: &Buffer<u32>,
+    );
+    /// Lists samples.
+    ListSamples = list_samples(
+        law: &SampleLaw, order: &Buffer<u32>, blocks: u32, marks: &Buffer<u32>, starts: &Buffer<u32>,
+        counts: &Buffer<u32>, samples: &Buffer<u32>, sorted: &Buffer<[u32; 2]>,
+    );
     /// Counts what rays of bundles visit.
     CountBundles = count_bundles(
         scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32, nearest: u32,
@@ -263,9 +298,9 @@ mod tests {
         let given = given.replace(' ', "");
         let buffer = given.strip_prefix("Option<&Buffer<").or_else(|| given.strip_prefix("&Buffer<"));
         match (buffer.map(|element| element.trim_end_matches('>')), given.as_str()) {
-            (Some("u32"), _) => "uint *".to_string(),
+            (Some("u32" | "[u32;2]"), _) => "uint *".to_string(),
             (Some("u8"), _) => "uchar *".to_string(),
-            (Some("f32" | "[f32;3]" | "[f32;4]"), _) => "float *".to_string(),
+            (Some("f32" | "[f32;2]" | "[f32;3]" | "[f32;4]"), _) => "float *".to_string(),
             (Some(element), _) => format!("{element} *"),
             (None, "u32") => "uint".to_string(),
             (None, "&f32") => "float".to_string(),
@@ -275,7 +310,7 @@ mod tests {
 
     #[test]
     fn launch_functions_take_what_their_kernels_do() {
-        let text = source::text() + &source::probe_text();
+        let text = source::text() + &source::probe_text() + &source::pattern_text();
         let declared = declared(&text);
         for (name, parameters) in PARAMETERS {
             let given: Vec<(String, String)> =

@@ -20,6 +20,7 @@ mod moving_looks;
 mod moving_materials;
 mod moving_parts;
 pub mod numbers;
+pub mod pattern_maker;
 pub mod probe;
 mod rebuild;
 mod scene_buffers;

@@ -23,7 +23,9 @@
 //! - `1/0` in a slab test makes 0 times infinity, which is not a number: inverses are clamped to finite ones.
 
 use super::Traversal;
+use crate::foveation::lens::STEPS as LENS_STEPS;
 use crate::gpu::opencl::DeviceInfo;
+use crate::math::blue_noise;
 use crate::scene::Features;
 
 /// Bytes of memory set aside for a sample that is being shaded: `ShadedSample` in `kernels/gpu/shade.cl`, whose size depends on
@@ -103,6 +105,17 @@ pub fn probe_text() -> String {
     lanes_of_bits() + &PROBE_FILES.join("\n")
 }
 
+/// The text of the kernels that choose samples, which stand for themselves: they round as the host does.
+pub fn pattern_text() -> String {
+    [include_str!("../../kernels/shared/types.h"), include_str!("../../kernels/pattern.cl")].join("\n")
+}
+
+/// The options that they are built with; `group`: work-items of a group that counts.
+pub fn pattern_options(group: usize) -> String {
+    let (mask, lens) = (blue_noise::SIZE, LENS_STEPS);
+    format!("-cl-std=CL1.2 -D GROUP={group} -D MASK={mask} -D LENS_STEPS={lens}")
+}
+
 /// A table that moves chosen lanes of a vector together: for each byte the places of its set bits, the lowest in the
 /// lowest byte.
 fn lanes_of_bits() -> String {
@@ -162,7 +175,7 @@ mod tests {
     /// What is no part of OpenCL C stands behind `PREFETCH`, which is on for one driver alone.
     #[test]
     fn other_drivers_see_no_builtins() {
-        for text in [super::text(), super::probe_text()] {
+        for text in [super::text(), super::probe_text(), super::pattern_text()] {
             let mut hidden = false;
             for line in text.lines() {
                 hidden = (hidden || line == "#if PREFETCH") && line != "#endif";

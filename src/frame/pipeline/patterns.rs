@@ -14,6 +14,7 @@ use crate::frame::meter::Metered;
 use crate::gpu::interop::{Shared, Sharing};
 use crate::math::view::{FieldOfView, View};
 use crate::trace::SampleTarget;
+use crate::trace::pattern_maker::Wanted;
 
 /// One traced view's pattern and the memory that its samples travel in.
 pub(super) struct TracedView {
@@ -67,12 +68,16 @@ impl Renderer {
             Samples::Full => (Law::Full, view.pixels()),
             samples => (key.law, samples.of(request.view.pixels())),
         };
-        let pattern = match (self.lenses.get(index), &request.hidden) {
-            (Some(lens), _) => Pattern::through(view, &law, request.gaze, count, lens),
-            (None, Some(hidden)) => Pattern::with_mask(view, &law, request.gaze, count, hidden),
-            (None, None) => Pattern::new(view, &law, request.gaze, count),
-        };
-        self.reconstruction.set_pattern(index, view.width, view.height, &pattern.samples)?;
+        let lens = self.lenses.get(index).cloned();
+        let (gaze, hidden) = (request.gaze, request.hidden.clone());
+        let wanted = Wanted { view: *view, law, gaze, count, hidden, lens };
+        // A view's first pattern may be its last; and where each pixel has a sample there is nothing to choose.
+        let moves = self.views.get(index).is_some() && count < view.pixels();
+        let made = if moves { self.patterns.choose(&wanted) } else { None };
+        let (pattern, cells) =
+            made.map_or_else(|| (wanted.on_host(), None), |(pattern, cells)| (pattern, Some(cells)));
+        let size = (view.width, view.height);
+        self.reconstruction.set_sorted_pattern(index, size, &pattern.samples, cells)?;
         self.take_pattern(index, key, *view, pattern)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }

@@ -14,6 +14,7 @@ use crate::gpu::vulkan::Context;
 use crate::reconstruct::{self, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
 use crate::scene::Features;
 use crate::scene::sky::day::Day;
+use crate::trace::pattern_maker::Patterns;
 use crate::trace::{self, DeformedBy, Fleet, MovingScene, MovingSky, SceneData};
 use crate::waiting::{self, Limits};
 
@@ -51,7 +52,8 @@ impl Renderer {
         let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
         let scheduler = Scheduler::new(fleet, direct);
         let by = deformed_by(devices, config);
-        let (renderer, shaders_step) = Self::assemble(scheduler, context, loaded, config, output, by)?;
+        let (renderer, shaders_step) =
+            Self::assemble(scheduler, context, loaded, config, output, by, devices.first().cloned())?;
         Ok((renderer, vec![fleet_step, shaders_step, probe_step]))
     }
 
@@ -72,7 +74,7 @@ impl Renderer {
         let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
         let (scheduler, by) =
             (Scheduler::new(fleet, direct), deformed_by(std::slice::from_ref(device), config));
-        let made = Self::assemble(scheduler, context, loaded, config, output, by)?;
+        let made = Self::assemble(scheduler, context, loaded, config, output, by, Some(device.clone()))?;
         Ok((made.0, vec![made.1]))
     }
 
@@ -88,7 +90,7 @@ impl Renderer {
         output: Output,
     ) -> Result<(Self, Step)> {
         let by = config.trace.deform.by(["any"].into_iter());
-        Self::assemble(scheduler, context, loaded, config, output, by)
+        Self::assemble(scheduler, context, loaded, config, output, by, None)
     }
 
     fn assemble(
@@ -98,6 +100,7 @@ impl Renderer {
         config: &Config,
         output: Output,
         by: DeformedBy,
+        device: Option<Device>,
     ) -> Result<(Self, Step)> {
         let quality = Quality::of(config);
         let (reconstruction, shaders_step) = timed("shaders", || {
@@ -109,6 +112,7 @@ impl Renderer {
             context: context.clone(),
             law: quality.law,
             lenses: Vec::new(),
+            patterns: Patterns::of(device),
             samples: quality.samples,
             visibility_slope: config.foveation.visibility_slope,
             settings: trace_settings(&quality, config.trace.seed),

@@ -66,7 +66,7 @@ fn check_pattern(context: &Context, k: u32, weights: Weights, size: (u32, u32), 
     let settings = Settings { mode: Mode::Guided(guided), k, weights, reuse: None };
     let finders = Finders::new(context, &settings).unwrap();
     let mut tables = Tables::new(context).unwrap();
-    tables.set(context, &settings, &finders, size, samples).unwrap();
+    tables.set(context, &settings, &finders, size, samples, None).unwrap();
     tables.wait().unwrap();
     assert_eq!(tables.k, k.min(samples.len() as u32));
     check_pixels(context, &tables, weights, samples);
@@ -113,7 +113,7 @@ fn a_full_pattern_gives_each_pixel_its_own_sample() {
     let settings = Settings::default();
     let finders = Finders::new(&context, &settings).unwrap();
     let mut tables = Tables::new(&context).unwrap();
-    tables.set(&context, &settings, &finders, (7, 5), &samples).unwrap();
+    tables.set(&context, &settings, &finders, (7, 5), &samples, None).unwrap();
     tables.wait().unwrap();
     assert!(tables.nearest().is_none());
     check_pixels(&context, &tables, Weights::Inverse, &samples);
@@ -127,7 +127,7 @@ fn one_sample_serves_a_wide_view_in_bands() {
     let finders = Finders::new(&context, &settings).unwrap();
     let mut tables = Tables::new(&context).unwrap();
     let height = (context.storage_range() / (8192 * 16)).min(2048) as u32 + 24;
-    tables.set(&context, &settings, &finders, (8192, height), &[8191]).unwrap();
+    tables.set(&context, &settings, &finders, (8192, height), &[8191], None).unwrap();
     tables.wait().unwrap();
     let rows: u32 = tables.bands().iter().map(|band| band.rows).sum();
     assert_eq!(rows, height);
@@ -146,7 +146,7 @@ fn patterns_that_cannot_be_used_are_refused() {
     let finders = Finders::new(&context, &settings).unwrap();
     let mut tables = Tables::new(&context).unwrap();
     let mut refuse = |size, samples: &[u32], key: &str| {
-        let error = tables.set(&context, &settings, &finders, size, samples).unwrap_err();
+        let error = tables.set(&context, &settings, &finders, size, samples, None).unwrap_err();
         assert!(error.to_string().starts_with(key), "{error}");
     };
     refuse((10, 10), &[], "samples: ");

@@ -3,51 +3,63 @@
 use crate::error::{Error, Result};
 
 /// Samples by cell: cells row after row, and in each cell the samples in their own order.
-pub struct Grid {
+#[derive(Debug)]
+pub struct Cells {
     /// Position packed `x | y << 16`, and index of the sample.
     pub sorted: Vec<[u32; 2]>,
     /// The first entry of `sorted` of each cell, and the end.
-    pub cell_start: Vec<u32>,
-    /// Cells are `1 << cell_shift` pixels wide.
-    pub cell_shift: u32,
+    pub starts: Vec<u32>,
+    /// Cells are `1 << shift` pixels wide.
+    pub shift: u32,
     /// Cells in a row.
-    pub cells_across: u32,
+    pub across: u32,
 }
 
-impl Grid {
-    /// Cells hold about one sample on average, so a search visits few that are empty at any density.
+impl Cells {
+    /// The width of cells as a power of two: they hold about one sample on average, so that a search visits few that are empty
+    /// at any density.
+    pub fn shift_for(width: u32, height: u32, samples: usize) -> u32 {
+        let area = u64::from(width) * u64::from(height) / samples.max(1) as u64;
+        area.max(1).ilog2().div_ceil(2).clamp(1, 15)
+    }
+
+    /// Cells across and down a view.
+    pub fn counts(width: u32, height: u32, shift: u32) -> [u32; 2] {
+        [width.div_ceil(1 << shift), height.div_ceil(1 << shift)]
+    }
+
+    /// Sorts samples.
     ///
     /// # Errors
     /// [`Error::Setting`] for a sample outside the view.
     pub fn new(width: u32, height: u32, samples: &[u32]) -> Result<Self> {
-        let area = u64::from(width) * u64::from(height) / samples.len().max(1) as u64;
-        let cell_shift = (area.max(1).ilog2().div_ceil(2)).clamp(1, 15);
-        let cells_across = width.div_ceil(1 << cell_shift);
-        let cells = cells_across as usize * height.div_ceil(1 << cell_shift) as usize;
+        let shift = Self::shift_for(width, height, samples.len());
+        let [across, down] = Self::counts(width, height, shift);
+        let cells = across as usize * down as usize;
         let cell = |packed: u32| {
             let (x, y) = (packed & 0xffff, packed >> 16);
-            (y >> cell_shift) as usize * cells_across as usize + (x >> cell_shift) as usize
+            (y >> shift) as usize * across as usize + (x >> shift) as usize
         };
-        let mut cell_start = vec![0u32; cells + 1];
+        let mut starts = vec![0u32; cells + 1];
         for &packed in samples {
             let (x, y) = (packed & 0xffff, packed >> 16);
             if x >= width || y >= height {
                 let problem = format!("sample ({x}, {y}) lies outside a view of {width}x{height} pixels");
                 return Err(Error::setting("pattern", problem));
             }
-            cell_start[cell(packed) + 1] += 1;
+            starts[cell(packed) + 1] += 1;
         }
         for index in 0..cells {
-            cell_start[index + 1] += cell_start[index];
+            starts[index + 1] += starts[index];
         }
-        let mut next = cell_start.clone();
+        let mut next = starts.clone();
         let mut sorted = vec![[0u32; 2]; samples.len()];
         for (index, &packed) in samples.iter().enumerate() {
             let slot = &mut next[cell(packed)];
             sorted[*slot as usize] = [packed, index as u32];
             *slot += 1;
         }
-        Ok(Grid { sorted, cell_start, cell_shift, cells_across })
+        Ok(Cells { sorted, starts, shift, across })
     }
 }
 
@@ -79,20 +91,18 @@ mod tests {
     #[test]
     fn every_sample_is_in_its_cell_once() {
         let samples: Vec<u32> = (0..500u32).map(|i| (i * 37 % 100) | (i * 53 % 70) << 16).collect();
-        let grid = Grid::new(100, 70, &samples).unwrap();
+        let grid = Cells::new(100, 70, &samples).unwrap();
         let mut seen = vec![false; samples.len()];
-        for cell in 0..grid.cell_start.len() - 1 {
-            for &[packed, index] in
-                &grid.sorted[grid.cell_start[cell] as usize..grid.cell_start[cell + 1] as usize]
-            {
+        for cell in 0..grid.starts.len() - 1 {
+            for &[packed, index] in &grid.sorted[grid.starts[cell] as usize..grid.starts[cell + 1] as usize] {
                 assert_eq!(packed, samples[index as usize]);
-                let (x, y) = ((packed & 0xffff) >> grid.cell_shift, (packed >> 16) >> grid.cell_shift);
-                assert_eq!(cell as u32, y * grid.cells_across + x);
+                let (x, y) = ((packed & 0xffff) >> grid.shift, (packed >> 16) >> grid.shift);
+                assert_eq!(cell as u32, y * grid.across + x);
                 assert!(!std::mem::replace(&mut seen[index as usize], true));
             }
         }
         assert!(seen.iter().all(|&seen| seen));
-        assert!(Grid::new(100, 70, &[100]).is_err());
+        assert!(Cells::new(100, 70, &[100]).is_err());
     }
 
     #[test]
