@@ -12,6 +12,7 @@ mod daylight;
 mod deform;
 mod emitters;
 mod fleet;
+mod hardware;
 mod kernels;
 mod light_cache;
 mod moving;
