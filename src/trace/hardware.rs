@@ -27,8 +27,8 @@ use structure::Structure;
 
 /// Rays of a group, which lie together: `kernels/gpu/shade.cl` has as many of a sample.
 pub(super) const GROUP: usize = 32;
-/// Words of a ray: planes in `kernels/gpu/shade.cl`.
-const RAY_WORDS: usize = 15;
+/// Words of memory of a ray under way: planes in `kernels/gpu/shade.cl`.
+pub(super) const RAY_WORDS: usize = 15;
 /// The plane behind them: where the rays of a sample start.
 pub(super) const PLANE_ORIGIN: u32 = RAY_WORDS as u32;
 /// The first plane of where rays start that are no sample's: `PLANE_OWN_ORIGIN` of `kernels/gpu/hardware.cl`.

@@ -1,6 +1,7 @@
 //! Kernels and buffers of one device, and a view's samples traced on it.
 
 mod camera;
+mod hardware;
 mod in_flight;
 mod launch;
 mod pattern;
@@ -14,6 +15,7 @@ use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::gpu::opencl::{Buffer, Device, Event, Transfer};
+use crate::gpu::vulkan::Context;
 use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
@@ -26,7 +28,9 @@ use super::light_cache::LightCache;
 use super::scene_buffers::DeformKernels;
 use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
+use hardware::Hardware;
 pub use in_flight::InFlight;
+pub(in crate::trace) use in_flight::Step;
 pub(super) use pattern::BLOCKS_PER_TILE;
 pub use pattern::TracePattern;
 use pattern::{ROWS_PER_TILE, Ring};
@@ -90,6 +94,8 @@ pub struct Tracer {
     settle_blends: SettleBlends,
     share_blends: ShareBlends,
     sample_shading: SampleShading,
+    /// Traces rays, where that is not the kernels' task.
+    hardware: Option<Hardware>,
     pack_visibility: PackVisibility,
     light: LightCache,
     counters: Buffer<u32>,
@@ -131,8 +137,20 @@ impl Tracer {
     pub fn open(device: &Device, data: &SceneData, traversals: Traversals) -> Result<Self> {
         data.check_fit(device, traversals)?;
         let programs = Programs::build(device, &data.features, data.depth, traversals)?;
-        super::self_test::run(device, &programs)?;
-        Self::with_programs(device, &programs, data)
+        super::self_test::run(device, &programs, None)?;
+        Self::with_programs(device, &programs, data, None)
+    }
+
+    /// The same with rays that a device's ray queries trace (`src/trace/hardware.rs`): one that shares memory with this
+    /// device, for a scene in which nothing moves.
+    ///
+    /// # Errors
+    /// As [`Tracer::open`], for both devices.
+    pub fn with_hardware_rays(device: &Device, data: &SceneData, rays: &Context) -> Result<Self> {
+        data.check_fit(device, Traversal::SingleRay.into())?;
+        let programs = Programs::for_hardware_rays(device, &data.features, data.depth)?;
+        super::self_test::run(device, &programs, Some(rays))?;
+        Self::with_programs(device, &programs, data, Some(rays))
     }
 
     /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
@@ -147,10 +165,17 @@ impl Tracer {
     ) -> Result<Self> {
         let data = SceneData::pack(scene, trees, environment)?;
         let programs = Programs::build(device, features, data.depth, traversals.into())?;
-        Self::with_programs(device, &programs, &data)
+        Self::with_programs(device, &programs, &data, None)
     }
 
-    pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
+    /// `hardware` traces the rays of programs that want it.
+    pub(super) fn with_programs(
+        device: &Device,
+        programs: &Programs,
+        data: &SceneData,
+        hardware: Option<&Context>,
+    ) -> Result<Self> {
+        assert_eq!(programs.hardware, hardware.is_some(), "rays are traced by kernels or elsewhere");
         let program = &programs.pixels;
         data.check_fit_beside(device, programs.traversals, programs.working_memory(device.info())?)?;
         let on_gpus = |required: bool| required && programs.traversals.pixels == Traversal::SingleRay;
@@ -175,6 +200,9 @@ impl Tracer {
             settle_blends: SettleBlends::of(program)?,
             share_blends: ShareBlends::of(program)?,
             sample_shading: SampleShading::of(bundles, programs.traversals.bundles)?,
+            hardware: hardware
+                .map(|context| Hardware::new(device, context, data, program, programs.features))
+                .transpose()?,
             pack_visibility: PackVisibility::of(program)?,
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
@@ -306,6 +334,23 @@ impl Tracer {
         samples: &Buffer<SampleRecord>,
         visibility: Option<&Buffer<VisibilityRecord>>,
     ) -> Result<InFlight> {
+        let mut hardware = self.hardware.take();
+        let begun =
+            self.enqueue_by(hardware.as_mut(), view, settings, pattern, parts, (samples, visibility));
+        self.hardware = hardware;
+        begun
+    }
+
+    /// The same; rays that `hardware` traces are waited for meanwhile.
+    fn enqueue_by(
+        &mut self,
+        mut hardware: Option<&mut Hardware>,
+        view: &View,
+        settings: &Settings,
+        pattern: &TracePattern,
+        parts: &[Part],
+        (samples, visibility): (&Buffer<SampleRecord>, Option<&Buffer<VisibilityRecord>>),
+    ) -> Result<InFlight> {
         assert_eq!(
             settings.guided,
             visibility.is_some(),
@@ -330,17 +375,22 @@ impl Tracer {
                 let ring = if edges > 0 { pattern.ring(parts) } else { Ring::default() };
                 let (tiles, blocks) = (ring.tiles.len(), ring.blocks);
                 copied = self.give_ring(ring)?;
-                self.trace_tiles(&camera, &shading, edges, pattern, parts, (tiles as u32, blocks), records)?
+                let ring = (tiles as u32, blocks);
+                let by = hardware.as_deref_mut();
+                self.trace_tiles(by, &camera, &shading, edges, pattern, parts, ring, records)?
             }
             None => {
-                let trace = |part: &Part| Ok(vec![self.trace_only_samples(&camera, pattern, part)?]);
+                let by = &mut hardware;
+                let trace =
+                    |part: &Part| self.trace_only_samples(by.as_deref_mut(), &camera, pattern, part);
                 let rays = parts.iter().map(|part| part.samples.len() as u64).sum();
                 (parts.iter().map(trace).collect::<Result<Vec<_>>>()?, rays)
             }
         };
         let mut events = Vec::with_capacity(parts.len());
         for (part, trace) in parts.iter().zip(traces) {
-            events.push((trace, self.shade(&camera, &shading, pattern, part, visibility, samples)?));
+            let by = hardware.as_deref_mut();
+            events.push((trace, self.shade(by, &camera, &shading, pattern, part, visibility, samples)?));
         }
         samples.release()?;
         visibility.map_or(Ok(()), Buffer::release)?;
