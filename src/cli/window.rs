@@ -72,7 +72,7 @@ impl Show<'_> {
         let panel = Panel::connect("render to files with `foveate demo`")?;
         let options = panel.vulkan_options()?;
         let (machine, loaded) = rayon::join(
-            || Machine::open_with(&self.config.devices, options),
+            || Machine::open_with(self.config, options),
             || load(self.scene, self.config),
         );
         let (machine, loaded) = (machine?, loaded?);

@@ -57,6 +57,8 @@ struct Job {
 
 /// Rays in memory, for both to use.
 struct Batch {
+    /// Whose kernels use them.
+    device: Device,
     /// How many groups of rays there is room for.
     groups: usize,
     rays: Shared<u32>,
@@ -119,17 +121,29 @@ impl HardwareRays {
     /// [`Error::Device`] where there is no room.
     pub fn reserve(&mut self, device: &Device, groups: usize) -> Result<()> {
         if self.batch.as_ref().is_none_or(|batch| batch.groups < groups) {
-            self.batch = None;
+            self.let_go();
             let groups = groups.next_power_of_two().min(self.most);
+            let shared = |words| Shared::new(Some(device), &self.context, words);
             let batch = Batch {
+                device: device.clone(),
                 groups,
-                rays: Shared::new(Some(device), &self.context, groups * (GROUP * RAY_WORDS + 3))?,
-                queue: Shared::new(Some(device), &self.context, 1 + groups * GROUP)?,
+                rays: shared(groups * (GROUP * RAY_WORDS + 3))?,
+                queue: shared(1 + groups * GROUP)?,
             };
             batch.acquire()?;
             self.batch = Some(batch);
         }
         Ok(())
+    }
+
+    /// Frees the memory of rays, which OpenCL does not keep for what is in its queue. It is left to kernels of a device that
+    /// has failed, which may write to it yet.
+    fn let_go(&mut self) {
+        if let Some(batch) = self.batch.take()
+            && batch.device.finish().is_err()
+        {
+            std::mem::forget(batch);
+        }
     }
 
     /// The rays, and the queue of those that met a surface, as kernels take them.
@@ -170,6 +184,12 @@ impl HardwareRays {
         let ms = self.commands.wait()?.iter().map(|stage| stage.ms).sum();
         batch.acquire()?;
         Ok(ms)
+    }
+}
+
+impl Drop for HardwareRays {
+    fn drop(&mut self) {
+        self.let_go();
     }
 }
 

@@ -20,7 +20,7 @@ const GROUPS_PER_TILE: usize = TILE_PIXELS as usize / GROUP;
 
 /// Tiles `first..first + count` of a list.
 #[derive(Clone, Copy)]
-pub(super) struct Tiles<'a> {
+pub(in crate::trace) struct Tiles<'a> {
     pub list: &'a Buffer<u32>,
     pub first: u32,
     pub count: u32,
