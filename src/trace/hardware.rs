@@ -14,6 +14,7 @@
 //!
 //! Both APIs are waited for by the host, between the kernels that lay rays out, the shader and the kernels that take them.
 
+mod queries;
 mod structure;
 
 use bytemuck::{Pod, Zeroable};
@@ -23,6 +24,7 @@ use crate::error::{Error, Result};
 use crate::gpu::interop::Shared;
 use crate::gpu::opencl::{Buffer, Device};
 use crate::gpu::vulkan::{BufferRef, Commands, Context, RayPipeline, Shader};
+pub use queries::{Answer, Asked, RayQueries};
 use structure::Structure;
 
 /// Rays of a group, which lie together: `kernels/gpu/shade.cl` has as many of a sample.
@@ -57,8 +59,8 @@ struct Job {
 
 /// Rays in memory, for both to use.
 struct Batch {
-    /// Whose kernels use them.
-    device: Device,
+    /// Whose kernels use them; none where the host does.
+    device: Option<Device>,
     /// How many groups of rays there is room for.
     groups: usize,
     rays: Shared<u32>,
@@ -119,13 +121,13 @@ impl HardwareRays {
     ///
     /// # Errors
     /// [`Error::Device`] where there is no room.
-    pub fn reserve(&mut self, device: &Device, groups: usize) -> Result<()> {
+    pub fn reserve(&mut self, device: Option<&Device>, groups: usize) -> Result<()> {
         if self.batch.as_ref().is_none_or(|batch| batch.groups < groups) {
             self.let_go();
             let groups = groups.next_power_of_two().min(self.most);
-            let shared = |words| Shared::new(Some(device), &self.context, words);
+            let shared = |words| Shared::new(device, &self.context, words);
             let batch = Batch {
-                device: device.clone(),
+                device: device.cloned(),
                 groups,
                 rays: shared(groups * (GROUP * RAY_WORDS + 3))?,
                 queue: shared(1 + groups * GROUP)?,
@@ -139,9 +141,8 @@ impl HardwareRays {
     /// Frees the memory of rays, which OpenCL does not keep for what is in its queue. It is left to kernels of a device that
     /// has failed, which may write to it yet.
     fn let_go(&mut self) {
-        if let Some(batch) = self.batch.take()
-            && batch.device.finish().is_err()
-        {
+        let Some(batch) = self.batch.take() else { return };
+        if batch.device.as_ref().is_some_and(|device| device.finish().is_err()) {
             std::mem::forget(batch);
         }
     }
@@ -162,10 +163,10 @@ impl HardwareRays {
     ///
     /// # Errors
     /// [`Error::Device`] where either device is lost.
-    pub fn trace(&mut self, device: &Device, rays: Rays) -> Result<f64> {
+    pub fn trace(&mut self, rays: Rays) -> Result<f64> {
         let Some(batch) = &self.batch else { return Ok(0.0) };
         batch.release()?;
-        device.finish()?;
+        batch.device.as_ref().map_or(Ok(()), Device::finish)?;
         let stride = rays.groups * GROUP as u32;
         let (plane, origins) = rays.origin;
         let job = Job { stride, rays: rays.count, origin: plane * stride, origins };
@@ -175,10 +176,8 @@ impl HardwareRays {
         let buffers: [&BufferRef; 4] =
             [&batch.rays.vulkan(), &batch.queue.vulkan(), &placed.into(), &places.into()];
         self.commands.begin()?;
-        if let Some(top) = top {
-            let bytes = bytemuck::bytes_of(&job);
-            self.commands.trace(&self.pipeline, top, &buffers.map(Some), bytes, [across, down, 1])?;
-        }
+        let (buffers, bytes) = (buffers.map(Some), bytemuck::bytes_of(&job));
+        self.commands.trace(&self.pipeline, top, &buffers, bytes, [across, down, 1])?;
         self.commands.end_stage("rays");
         self.commands.submit()?;
         let ms = self.commands.wait()?.iter().map(|stage| stage.ms).sum();

@@ -12,7 +12,7 @@ mod daylight;
 mod deform;
 mod emitters;
 mod fleet;
-mod hardware;
+pub mod hardware;
 mod kernels;
 mod light_cache;
 mod moving;

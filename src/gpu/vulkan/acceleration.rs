@@ -29,10 +29,10 @@ pub struct BottomLevel(Arc<Structure>);
 pub struct Placement {
     /// What is shown.
     pub shape: BottomLevel,
-    /// The rows of the matrix that takes its points to the world's.
+    /// The rows of the matrix that takes its points to the world's. It does not mirror.
     pub world_from_shape: [[f32; 4]; 3],
-    /// Whether rays that cull back faces pass its triangles from behind. Those are seen from the front, in the world,
-    /// whose corners go counter-clockwise.
+    /// Whether rays that cull back faces pass its triangles from behind. Those are seen from the front whose corners go
+    /// counter-clockwise.
     pub culled: bool,
 }
 
@@ -209,21 +209,15 @@ fn too_many(context: &Context, count: usize, what: &str, most: u64) -> Error {
 /// A VkAccelerationStructureInstanceKHR that every mask sees.
 fn instance(context: &Context, placement: &Placement) -> [u32; 16] {
     let mut record = [0u32; 16];
-    let rows = placement.world_from_shape;
-    for (word, value) in record.iter_mut().zip(rows.as_flattened()) {
+    for (word, value) in record.iter_mut().zip(placement.world_from_shape.as_flattened()) {
         *word = value.to_bits();
     }
-    // Facing is decided in the shape's space, where a mirrored shape is seen as it was before.
-    let mirrored = glam::DMat3::from_cols_array_2d(&rows.map(|row| [row[0], row[1], row[2]].map(f64::from)))
-        .determinant()
-        < 0.0;
-    let mut flags = vk::GeometryInstanceFlagsKHR::empty();
-    if !placement.culled {
-        flags |= vk::GeometryInstanceFlagsKHR::TRIANGLE_FACING_CULL_DISABLE;
-    }
-    if !mirrored {
-        flags |= vk::GeometryInstanceFlagsKHR::TRIANGLE_FRONT_COUNTERCLOCKWISE;
-    }
+    // Fronts are those whose corners go counter-clockwise along right-handed axes, as specifications have it: clockwise along
+    // left-handed ones.
+    let flags = match placement.culled {
+        true => vk::GeometryInstanceFlagsKHR::empty(),
+        false => vk::GeometryInstanceFlagsKHR::TRIANGLE_FACING_CULL_DISABLE,
+    };
     let info = vk::AccelerationStructureDeviceAddressInfoKHR::default()
         .acceleration_structure(placement.shape.0.handle);
     // SAFETY: the structure was built.

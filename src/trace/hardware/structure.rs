@@ -9,8 +9,7 @@ use crate::trace::scene_buffers::{PlacedShape, SceneData};
 
 /// The scene, and how its triangles are called.
 pub(super) struct Structure {
-    /// None where there are no triangles.
-    pub top: Option<TopLevel>,
+    pub top: TopLevel,
     /// A [`Placed`] for each placement.
     pub placed: HostBuffer,
     /// Of each opaque triangle its place in leaf order, bottom level by bottom level.
@@ -65,7 +64,7 @@ impl Structure {
                 placed.push(Placed { first: level.first, more: shape.first_triangle.wrapping_sub(first) });
             }
         }
-        let top = (!placements.is_empty()).then(|| TopLevel::build(context, &placements)).transpose()?;
+        let top = TopLevel::build(context, &placements)?;
         Ok(Structure { top, placed: upload(context, &placed)?, places: upload(context, &places)? })
     }
 }

@@ -74,7 +74,7 @@ impl Hardware {
 
     /// Makes room for the light rays of so many samples.
     pub fn reserve(&mut self, device: &Device, samples: usize) -> Result<()> {
-        self.rays.reserve(device, samples)
+        self.rays.reserve(Some(device), samples)
     }
 
     /// The rays under way, and the queue of those that met a surface.
@@ -88,13 +88,13 @@ impl Hardware {
     }
 
     /// Traces the light rays of so many samples, which were laid out with where they start.
-    pub fn trace_light_rays(&mut self, device: &Device, samples: u32) -> Result<Step> {
+    pub fn trace_light_rays(&mut self, samples: u32) -> Result<Step> {
         let count = samples * GROUP as u32;
-        self.trace(device, Rays { groups: samples, count, origin: (PLANE_ORIGIN, samples) })
+        self.trace(Rays { groups: samples, count, origin: (PLANE_ORIGIN, samples) })
     }
 
-    fn trace(&mut self, device: &Device, rays: Rays) -> Result<Step> {
-        self.rays.trace(device, rays).map(Step::Elsewhere)
+    fn trace(&mut self, rays: Rays) -> Result<Step> {
+        self.rays.trace(rays).map(Step::Elsewhere)
     }
 
     /// As the kernel trace_pixels.
@@ -114,7 +114,7 @@ impl Hardware {
             let grid = grid(groups);
             let aimed = self.aim_pixel_rays.launch(grid, camera, tiles.list, first, count, groups, rays)?;
             let origin = (PLANE_OWN_ORIGIN, 1);
-            let traced = self.trace(device, Rays { groups, count: groups * GROUP as u32, origin })?;
+            let traced = self.trace(Rays { groups, count: groups * GROUP as u32, origin })?;
             let (rays, _) = self.rays.buffers()?;
             let list = tiles.list;
             let taken = self
@@ -127,7 +127,7 @@ impl Hardware {
 
     fn batches_of_tiles(&mut self, device: &Device, count: u32) -> Result<Vec<(u32, u32, u32)>> {
         let each = (self.rays.most() / GROUPS_PER_TILE).min(count as usize);
-        self.rays.reserve(device, each * GROUPS_PER_TILE)?;
+        self.rays.reserve(Some(device), each * GROUPS_PER_TILE)?;
         Ok(batches(count, each, |tiles| tiles * GROUPS_PER_TILE as u32))
     }
 
@@ -142,14 +142,14 @@ impl Hardware {
         hits: &Buffer<HitRecord>,
     ) -> Result<Vec<Step>> {
         let each = (self.rays.most() * GROUP).min(count as usize);
-        self.rays.reserve(device, each.div_ceil(GROUP))?;
+        self.rays.reserve(Some(device), each.div_ceil(GROUP))?;
         let mut steps = Vec::new();
         for (first, count, groups) in batches(count, each, |samples| samples.div_ceil(GROUP as u32)) {
             let first = start + first;
             let (rays, _) = self.rays.buffers()?;
             let grid = grid(groups);
             let aimed = self.aim_sample_rays.launch(grid, camera, samples, first, count, groups, rays)?;
-            let traced = self.trace(device, Rays { groups, count, origin: (PLANE_OWN_ORIGIN, 1) })?;
+            let traced = self.trace(Rays { groups, count, origin: (PLANE_OWN_ORIGIN, 1) })?;
             let (rays, _) = self.rays.buffers()?;
             let taken = self
                 .take_sample_hits
@@ -179,7 +179,7 @@ impl Hardware {
                 .aim_pixels_at_sun
                 .launch(grid, scene, camera, shading, list, first, count, groups, hits, rays)?;
             let all = groups * GROUP as u32;
-            let traced = self.trace(device, Rays { groups, count: all, origin: (PLANE_OWN_ORIGIN, all) })?;
+            let traced = self.trace(Rays { groups, count: all, origin: (PLANE_OWN_ORIGIN, all) })?;
             let (rays, _) = self.rays.buffers()?;
             let taken = self.take_pixels_sun.launch(
                 grid, scene, camera, shading, list, first, count, groups, hits, rays, records, counters,
@@ -192,7 +192,6 @@ impl Hardware {
     /// As the kernel trace_sun_rays, for samples for which there is room, with `to_sun` rays each.
     pub fn trace_sun_rays(
         &mut self,
-        device: &Device,
         work: &Work,
         states: &Buffer<u32>,
         to_sun: u32,
@@ -202,12 +201,12 @@ impl Hardware {
         let origin = (PLANE_ORIGIN, count);
         let (rays, _) = self.rays.buffers()?;
         let aimed = self.aim_sun_rays.launch(grid(count), camera, shading, count, states, rays)?;
-        let traced = self.trace(device, Rays { groups: count, count: to_sun * count, origin })?;
+        let traced = self.trace(Rays { groups: count, count: to_sun * count, origin })?;
         let (rays, _) = self.rays.buffers()?;
         let sought = self.seek_sun_blockers.launch(
             of_samples, scene, camera, shading, samples, first, count, visibility, states, rays, counters,
         )?;
-        let found = self.trace(device, Rays { groups: count, count, origin })?;
+        let found = self.trace(Rays { groups: count, count, origin })?;
         let (rays, _) = self.rays.buffers()?;
         let taken = self.take_sun_blockers.launch(
             of_samples, scene, camera, shading, samples, first, count, visibility, states, rays,

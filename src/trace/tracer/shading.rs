@@ -166,7 +166,7 @@ impl Wavefront {
         while steps.is_empty() || done < work.count {
             let count = (work.count - done).min(most as u32);
             let part = Work { first: work.first + done, count, ..*work };
-            self.enqueue_some(device, &part, hardware.as_deref_mut(), &mut steps)?;
+            self.enqueue_some(&part, hardware.as_deref_mut(), &mut steps)?;
             done += count;
         }
         Ok(steps)
@@ -175,7 +175,6 @@ impl Wavefront {
     /// Enqueues shading of samples for which there is memory.
     fn enqueue_some(
         &self,
-        device: &Device,
         work: &Work,
         mut hardware: Option<&mut Hardware>,
         events: &mut Vec<Step>,
@@ -197,7 +196,7 @@ impl Wavefront {
         let to_sun = rays_to_sun(shading);
         match &mut hardware {
             _ if to_sun == 0 => {}
-            Some(by) => events.extend(by.trace_sun_rays(device, work, states, to_sun)?),
+            Some(by) => events.extend(by.trace_sun_rays(work, states, to_sun)?),
             None => events.push(
                 self.trace_sun_rays
                     .launch(
@@ -216,7 +215,7 @@ impl Wavefront {
             );
             let left = match &mut hardware {
                 Some(by) => {
-                    events.push(by.trace_light_rays(device, count)?);
+                    events.push(by.trace_light_rays(count)?);
                     by.leaves_rays_open()
                 }
                 None => true,
