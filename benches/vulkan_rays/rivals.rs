@@ -75,9 +75,14 @@ impl Rivals {
         told.push(match &mut pipeline {
             Some(gpu) => {
                 let ms = gpu.build(&shape.mesh.positions, &shape.mesh.triangles)?;
-                format!("the ray-tracing pipeline by {}, acceleration structure built in {ms:.0} ms", gpu.name())
+                format!(
+                    "the ray-tracing pipeline by {}, acceleration structure built in {ms:.0} ms",
+                    gpu.name()
+                )
             }
-            None => "the ray-tracing pipeline: not run: no device has VK_KHR_ray_tracing_pipeline".to_string(),
+            None => {
+                "the ray-tracing pipeline: not run: no device has VK_KHR_ray_tracing_pipeline".to_string()
+            }
         });
         Ok(Rivals { queries, pipeline, told })
     }

@@ -77,7 +77,9 @@ fn pair_key(device: &Device, context: &Context, traversals: Traversals) -> u128 
     let mut hash = Xxh3::new();
     hash.update(&key(device).to_le_bytes());
     hash.update(source::text().as_bytes());
-    for text in [report.name.as_str(), &report.api_version, traversals.pixels.name(), traversals.bundles.name()] {
+    for text in
+        [report.name.as_str(), &report.api_version, traversals.pixels.name(), traversals.bundles.name()]
+    {
         hash.update(text.as_bytes());
         hash.update(&[0]);
     }

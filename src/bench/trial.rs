@@ -156,8 +156,7 @@ pub fn work(task: &str) -> Result<()> {
             stage("asking Vulkan");
             let options = ContextOptions { device: Some(vulkan), ray_queries: true, ..Default::default() };
             let measured = |device| measure(&device, &Context::new(&options)?, traversals);
-            let found: Result<FrameTimes, String> =
-                opened.and_then(|device| measured(device).map_err(text));
+            let found: Result<FrameTimes, String> = opened.and_then(|device| measured(device).map_err(text));
             serde_json::to_string(&found)
         }
     };

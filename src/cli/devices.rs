@@ -219,7 +219,16 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
     let opencl = described.map(|(at, (info, kernels))| describe_opencl(info, chosen.contains(&at), kernels));
     let (sharing, sharing_reason) = sharing.map(|(way, why)| (way.to_string(), why)).unzip();
     let presenters = presenters(parts);
-    Ok(Report { opencl: opencl.collect(), vulkan, sharing, sharing_reason, rays, shares, presenters, problems })
+    Ok(Report {
+        opencl: opencl.collect(),
+        vulkan,
+        sharing,
+        sharing_reason,
+        rays,
+        shares,
+        presenters,
+        problems,
+    })
 }
 
 /// What a device has that traces alone.

@@ -34,7 +34,8 @@ impl TraceConfig {
     pub(super) fn check(&self) -> Result<()> {
         match (self.hardware_rays, self.traversal) {
             (HardwareRaysConfig::On, TraversalConfig::Packet) => {
-                let problem = "packets of rays are traced by kernels alone; give trace.traversal=auto beside it";
+                let problem =
+                    "packets of rays are traced by kernels alone; give trace.traversal=auto beside it";
                 Err(Error::setting("trace.hardware_rays", problem))
             }
             _ => Ok(()),

@@ -73,7 +73,9 @@ fn missing(context: &Context, shared: bool) -> Option<String> {
     let report = context.report();
     let name = &report.name;
     if let Some(lacks) = &report.lacks_ray_queries {
-        return Some(format!("{name} lacks {lacks}; set it to off, or choose another device by devices.vulkan"));
+        return Some(format!(
+            "{name} lacks {lacks}; set it to off, or choose another device by devices.vulkan"
+        ));
     }
     if !context.traces_rays() {
         return Some(format!(

@@ -335,8 +335,7 @@ impl Tracer {
         visibility: Option<&Buffer<VisibilityRecord>>,
     ) -> Result<InFlight> {
         let mut hardware = self.hardware.take();
-        let begun =
-            self.enqueue_by(hardware.as_mut(), view, settings, pattern, parts, (samples, visibility));
+        let begun = self.enqueue_by(hardware.as_mut(), view, settings, pattern, parts, (samples, visibility));
         self.hardware = hardware;
         begun
     }
@@ -381,8 +380,7 @@ impl Tracer {
             }
             None => {
                 let by = &mut hardware;
-                let trace =
-                    |part: &Part| self.trace_only_samples(by.as_deref_mut(), &camera, pattern, part);
+                let trace = |part: &Part| self.trace_only_samples(by.as_deref_mut(), &camera, pattern, part);
                 let rays = parts.iter().map(|part| part.samples.len() as u64).sum();
                 (parts.iter().map(trace).collect::<Result<Vec<_>>>()?, rays)
             }

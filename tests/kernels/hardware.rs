@@ -52,7 +52,13 @@ fn demo_scene() -> Scene {
 fn lookout(scene: &Scene) -> View {
     let viewpoint = default_viewpoint(scene, 60.0);
     let fov = FieldOfView::symmetric(viewpoint.fov_y, 1.6);
-    View { world_from_eye: viewpoint.world_from_eye, fov, width: 240, height: 150, spacing: Default::default() }
+    View {
+        world_from_eye: viewpoint.world_from_eye,
+        fov,
+        width: 240,
+        height: 150,
+        spacing: Default::default(),
+    }
 }
 
 /// Whether two hits are of different surfaces.
@@ -87,8 +93,9 @@ fn both(
 #[test]
 fn camera_rays_hit_what_those_of_the_kernels_hit() {
     on_shared_memory(|device, context| {
-        let town = Scene::from_glb(std::path::Path::new("town.glb"), &voxel_town::generate(20_000, 1).unwrap())
-            .unwrap();
+        let town =
+            Scene::from_glb(std::path::Path::new("town.glb"), &voxel_town::generate(20_000, 1).unwrap())
+                .unwrap();
         let (low, high) = town.mesh.bounds().unwrap();
         let (low, high) = (low.as_dvec3() + town.anchor, high.as_dvec3() + town.anchor);
         let middle = (low + high) * 0.5;
@@ -125,7 +132,8 @@ fn instances_are_hit_where_the_kernels_hit_them() {
         let (mut random, shape) = (Random::new(5), soup(7, 400, 1.0));
         let (positions, count) = (shape.mesh.positions.len(), shape.mesh.triangles.len());
         let place = |number: usize| {
-            let turn = DQuat::from_rotation_y(1.3 * number as f64) * DQuat::from_rotation_x(0.7 * number as f64);
+            let turn =
+                DQuat::from_rotation_y(1.3 * number as f64) * DQuat::from_rotation_x(0.7 * number as f64);
             let size = DVec3::new(0.6 + random.uniform(), 0.6 + random.uniform(), 0.8);
             let at = DVec3::new(number as f64 % 3.0 - 1.0, number as f64 / 3.0 - 1.0, 0.0) * 1.6;
             Instance::new(0, &DMat4::from_scale_rotation_translation(size, turn, at))
@@ -136,15 +144,18 @@ fn instances_are_hit_where_the_kernels_hit_them() {
             mesh: shape.mesh.clone(),
             instances,
         };
-        let scene = Scene { mesh: soup(8, 50, 3.0).mesh, instanced: Some(Arc::new(instanced)), ..shape.clone() };
+        let scene =
+            Scene { mesh: soup(8, 50, 3.0).mesh, instanced: Some(Arc::new(instanced)), ..shape.clone() };
         let still = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
         let instanced = scene.instanced.as_ref().unwrap();
         let world = over_instances(still, &instanced.boxes());
         let shapes = [WideBvh::build(&shape.mesh.positions, &shape.mesh.triangles)];
         let trees = Trees { world: &world, shapes: &shapes };
         let features = foveate::scene::Features { instances: true, ..EVERYTHING };
-        let (dark, view) =
-            (Environment::constant(Vec3::ZERO), view(DVec3::new(0.4, 0.7, 6.0), DVec3::ZERO, 60.0, (240, 150)));
+        let (dark, view) = (
+            Environment::constant(Vec3::ZERO),
+            view(DVec3::new(0.4, 0.7, 6.0), DVec3::ZERO, 60.0, (240, 150)),
+        );
         let mut kernels = Bench::grown(device, &scene, &dark, &features, Traversal::SingleRay, trees);
         let mut queries = Bench::by_ray_queries(device, context, &scene, &dark, trees, None);
         let settings = Settings { rays: 1, guided: true, ..PLAIN };
@@ -153,16 +164,30 @@ fn instances_are_hit_where_the_kernels_hit_them() {
         let off = kernels.iter().zip(&queries).filter(|(a, b)| differ(a, b)).count();
         let named = kernels.iter().zip(&queries).filter(|(a, b)| a.triangle == b.triangle).count();
         let hits = kernels.iter().filter(|hit| hit.triangle != u32::MAX).count();
-        println!("instances: {off} of {} camera rays differ, {hits} hits, {named} of the same name", view.pixels());
+        println!(
+            "instances: {off} of {} camera rays differ, {hits} hits, {named} of the same name",
+            view.pixels()
+        );
         assert!(hits * 4 > view.pixels() && off * 500 <= view.pixels(), "{off} differ");
         assert!(named * 1000 >= view.pixels() * 995, "{named} have the same name");
     });
 }
 
+/// What samples' light is, on the whole.
+fn mean(picture: &Picture) -> f64 {
+    let light =
+        picture.samples.iter().map(|s| s.first.iter().chain(&s.second).map(|&v| f64::from(v)).sum::<f64>());
+    light.sum::<f64>() / picture.samples.len() as f64
+}
+
+/// Rays leave surfaces a little farther away for ray queries, so that those aimed at lamps have other last digits: whether
+/// these pass glass is decided anew by chance. So samples beside glass are held to their mean.
 #[test]
 fn samples_and_pixels_are_those_of_the_kernels() {
     on_shared_memory(|device, context| {
-        let (scene, light, view) = (everything(), light(), eye());
+        let (glassy, light, view) = (everything(), light(), eye());
+        let mut opaque = glassy.clone();
+        opaque.materials.iter_mut().for_each(|material| material.glass = None);
         let guided = Settings { guided: true, ..PLAIN };
         for (name, settings) in [
             ("rays alone", Settings { rays: 32, ..PLAIN }),
@@ -170,16 +195,21 @@ fn samples_and_pixels_are_those_of_the_kernels() {
             ("guided paths, few rays", Settings { rays: 8, bounces: 1, ..guided }),
             ("guided, a cache of light, edges", Settings { rays: 32, cached: true, edge_rays: 2, ..guided }),
         ] {
-            let [kernels, queries] = both((device, context), &scene, &light, &view, &settings);
-            let lit = kernels.samples.iter().filter(|record| record.depth > 0.0).count();
-            let off = kernels.samples.iter().zip(&queries.samples).filter(|(a, b)| !alike(a, b)).count();
-            let seen = kernels.visibility.iter().zip(&queries.visibility);
-            let described = seen.filter(|(a, b)| a.normal != b.normal).count();
-            let rays = [kernels.rays, queries.rays];
-            println!("{name}: {off} of {lit} samples and {described} pixels differ, {rays:?} rays");
-            assert!(lit > 2000 && off * 50 <= lit, "{name}: {off} of {lit} samples differ");
-            assert!(described * 200 <= view.pixels(), "{name}: {described} pixels differ");
-            assert!(rays[0].abs_diff(rays[1]) * 500 <= rays[0], "{name}: {rays:?} rays");
+            for (of, scene, most) in [("without glass", &opaque, 0.02), ("with glass", &glassy, 0.3)] {
+                let [kernels, queries] = both((device, context), scene, &light, &view, &settings);
+                let lit = kernels.samples.iter().filter(|record| record.depth > 0.0).count();
+                let off = kernels.samples.iter().zip(&queries.samples).filter(|(a, b)| !alike(a, b)).count();
+                let seen = kernels.visibility.iter().zip(&queries.visibility);
+                let described = seen.filter(|(a, b)| a.normal != b.normal).count();
+                let (rays, means) = ([kernels.rays, queries.rays], [mean(&kernels), mean(&queries)]);
+                println!(
+                    "{name}, {of}: {off} of {lit} samples and {described} pixels differ, {rays:?} rays, means {means:?}"
+                );
+                assert!(lit > 2000 && off as f64 <= most * lit as f64, "{name}, {of}: {off} of {lit} differ");
+                assert!(described * 200 <= view.pixels(), "{name}, {of}: {described} pixels differ");
+                assert!(rays[0].abs_diff(rays[1]) * 100 <= rays[0], "{name}, {of}: {rays:?} rays");
+                assert!((means[1] / means[0] - 1.0).abs() < 0.005, "{name}, {of}: {means:?}");
+            }
         }
     });
 }

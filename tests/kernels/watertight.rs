@@ -16,8 +16,8 @@ use foveate::trace::{Settings, Traversal};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::common;
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device};
+use crate::common;
 use crate::convex::{self, Convex, PLACES, Place};
 use crate::scenes::{quad, shape};
 
@@ -169,8 +169,8 @@ fn closed_shapes_are_closed_for_every_kind_of_ray() {
     closed_shapes(FEW);
 }
 
-/// Vulkan asks for no watertight triangles: what ray queries leave out is counted, and what they make up. Both are held to a
-/// limit, those of shapes of common size near the anchor to none.
+/// What ray queries leave out is counted, and what they make up: Vulkan does not demand that nothing passes between triangles.
+/// Many of these rays are aimed at the very edges and vertices.
 #[test]
 fn closed_shapes_are_all_but_closed_for_ray_queries() {
     let Some(context) = common::ray_queries() else { return };
@@ -179,8 +179,7 @@ fn closed_shapes_are_all_but_closed_for_ray_queries() {
         let judge = Judge::new(&shape.scene);
         let mut queries = RayQueries::new(&context, &shape.scene, &judge.bvh).unwrap();
         let bundles = shape.bundles(FEW, 1);
-        let mut ask =
-            |asked| queries.trace(&bundles.origins, &bundles.directions, asked).unwrap().0;
+        let mut ask = |asked| queries.trace(&bundles.origins, &bundles.directions, asked).unwrap().0;
         let (nearest, any) = (ask(Asked::Nearest), ask(Asked::Any));
         let hit = |i: usize| HitRecord { triangle: nearest[i].triangle, t: nearest[i].t };
         let count = Judge::sum(nearest.len(), |i| judge.must_hit(i, &bundle_ray(&bundles, i), hit(i)));
@@ -189,8 +188,8 @@ fn closed_shapes_are_all_but_closed_for_ray_queries() {
         total = total.and(count).and(Count { rays: any.len(), misses: seen, ..Count::default() });
     }
     println!("closed shapes by ray queries: {total:?}");
-    assert!(total.rays > 0 && total.misses * 10_000 <= total.rays, "{total:?}");
-    assert!(total.false_hits * 1000 <= total.rays, "{total:?}");
+    assert!(total.rays > 0 && total.misses * 100 <= total.rays, "{total:?}");
+    assert!(total.false_hits == 0, "{total:?}");
 }
 
 #[test]

@@ -261,11 +261,8 @@ fn able(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<Able> 
     fits.then_some(Able { physical, rank, name, scratch_alignment })
 }
 
-const EXTENSIONS: [&CStr; 3] = [
-    khr::acceleration_structure::NAME,
-    khr::deferred_host_operations::NAME,
-    khr::ray_tracing_pipeline::NAME,
-];
+const EXTENSIONS: [&CStr; 3] =
+    [khr::acceleration_structure::NAME, khr::deferred_host_operations::NAME, khr::ray_tracing_pipeline::NAME];
 
 fn logical(instance: &ash::Instance, able: &Able) -> Result<ash::Device, String> {
     let queues = [vk::DeviceQueueCreateInfo::default().queue_priorities(&[1.0])];

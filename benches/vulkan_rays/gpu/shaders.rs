@@ -55,9 +55,10 @@ pub fn stage(stage: Stage) -> Result<Vec<u32>, String> {
     let entry_point = stage.name().to_string_lossy().into_owned();
     let one = spv::PipelineOptions { shader_stage: stage.shader(), entry_point };
     let module = naga::front::wgsl::parse_str(text).map_err(|error| error.emit_to_string(text))?;
-    let info = Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES | Capabilities::RAY_TRACING_PIPELINE)
-        .validate(&module)
-        .map_err(|error| error.emit_to_string(text))?;
+    let info =
+        Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES | Capabilities::RAY_TRACING_PIPELINE)
+            .validate(&module)
+            .map_err(|error| error.emit_to_string(text))?;
     // Checks that other tracers do not make either are left out.
     let options = spv::Options {
         lang_version: (1, 4),

@@ -112,7 +112,8 @@ impl TopLevel {
         if placements.len() as u64 > functions.most_instances {
             return Err(too_many(context, placements.len(), "instances", functions.most_instances));
         }
-        let records: Vec<[u32; 16]> = placements.iter().map(|placement| instance(context, placement)).collect();
+        let records: Vec<[u32; 16]> =
+            placements.iter().map(|placement| instance(context, placement)).collect();
         let input = HostBuffer::build_input(context, size_of_val(&records[..]))?;
         input.write(0, &records);
         let data = vk::AccelerationStructureGeometryInstancesDataKHR::default()
@@ -169,7 +170,8 @@ impl Structure {
         let at = address(context, &scratch).next_multiple_of(*scratch_alignment);
         info.dst_acceleration_structure = handle;
         info.scratch_data = vk::DeviceOrHostAddressKHR { device_address: at };
-        let range = |&count: &u32| vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count);
+        let range =
+            |&count: &u32| vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count);
         let ranges: Vec<_> = counts.iter().map(range).collect();
         let mut commands = Commands::new(context)?;
         commands.begin()?;
@@ -202,7 +204,9 @@ fn address(context: &Context, allocation: &Allocation) -> vk::DeviceAddress {
 fn too_many(context: &Context, count: usize, what: &str, most: u64) -> Error {
     Error::Device {
         device: context.report().name.clone(),
-        problem: format!("its acceleration structures hold {most} {what} and the scene has {count}; use a smaller scene"),
+        problem: format!(
+            "its acceleration structures hold {most} {what} and the scene has {count}; use a smaller scene"
+        ),
     }
 }
 
@@ -221,9 +225,7 @@ fn instance(context: &Context, placement: &Placement) -> [u32; 16] {
     let info = vk::AccelerationStructureDeviceAddressInfoKHR::default()
         .acceleration_structure(placement.shape.0.handle);
     // SAFETY: the structure was built.
-    let below = unsafe {
-        functions(context).structures.get_acceleration_structure_device_address(&info)
-    };
+    let below = unsafe { functions(context).structures.get_acceleration_structure_device_address(&info) };
     record[12] = 0xff << 24;
     record[13] = flags.as_raw() << 24;
     record[14..].copy_from_slice(&[below as u32, (below >> 32) as u32]);

@@ -303,7 +303,8 @@ impl Commands {
             })
             .collect();
         let handles: Vec<_> = structure.iter().map(|structure| structure.0.handle).collect();
-        let mut handles = vk::WriteDescriptorSetAccelerationStructureKHR::default().acceleration_structures(&handles);
+        let mut handles =
+            vk::WriteDescriptorSetAccelerationStructureKHR::default().acceleration_structures(&handles);
         let of_structure = structure.map(|_| {
             vk::WriteDescriptorSet::default()
                 .dst_set(set)

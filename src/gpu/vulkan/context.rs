@@ -16,8 +16,8 @@ use messenger::Messenger;
 use opening::{create_instance, load, no_device, open, require_validation_layer};
 pub use physical::{DeviceKind, DeviceReport, devices, queue_family, sharing_extensions};
 use physical::{report, select};
-pub use ray_queries::RayQueryFeatures;
 pub(super) use ray_queries::RayFunctions;
+pub use ray_queries::RayQueryFeatures;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 

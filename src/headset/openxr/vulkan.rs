@@ -118,8 +118,7 @@ fn create_device(
     let of_rays = RayQueryFeatures::extensions().iter().filter(|_| ray_queries);
     let sharing = sharing_extensions(vulkan, physical);
     let own = options.device_extensions.iter().map(|name| name.as_ptr());
-    let extensions: Vec<_> =
-        own.chain(sharing.iter().chain(of_rays).map(|name| name.as_ptr())).collect();
+    let extensions: Vec<_> = own.chain(sharing.iter().chain(of_rays).map(|name| name.as_ptr())).collect();
     let mut info =
         vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
     if ray_queries {

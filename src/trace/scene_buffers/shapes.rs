@@ -30,7 +30,8 @@ impl SceneData {
             let end = match instances.get(at + 1) {
                 Some(next) => first + (next.first_triangle - instance.first_triangle),
                 None => {
-                    let later = instances.iter().map(|other| other.first_place).filter(|&other| other > first);
+                    let later =
+                        instances.iter().map(|other| other.first_place).filter(|&other| other > first);
                     later.min().unwrap_or(all)
                 }
             };

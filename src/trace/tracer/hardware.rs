@@ -190,12 +190,7 @@ impl Hardware {
     }
 
     /// As the kernel trace_sun_rays, for samples for which there is room, with `to_sun` rays each.
-    pub fn trace_sun_rays(
-        &mut self,
-        work: &Work,
-        states: &Buffer<u32>,
-        to_sun: u32,
-    ) -> Result<Vec<Step>> {
+    pub fn trace_sun_rays(&mut self, work: &Work, states: &Buffer<u32>, to_sun: u32) -> Result<Vec<Step>> {
         let Work { scene, camera, shading, samples, first, count, visibility, counters, .. } = *work;
         let of_samples = Grid { items: count as usize, group: Traversal::SingleRay.group() };
         let origin = (PLANE_ORIGIN, count);
@@ -208,9 +203,9 @@ impl Hardware {
         )?;
         let found = self.trace(Rays { groups: count, count, origin })?;
         let (rays, _) = self.rays.buffers()?;
-        let taken = self.take_sun_blockers.launch(
-            of_samples, scene, camera, shading, samples, first, count, visibility, states, rays,
-        )?;
+        let taken = self
+            .take_sun_blockers
+            .launch(of_samples, scene, camera, shading, samples, first, count, visibility, states, rays)?;
         Ok(vec![aimed.into(), traced, sought.into(), found, taken.into()])
     }
 }

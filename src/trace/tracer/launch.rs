@@ -1,7 +1,7 @@
 //! What a frame launches on a device: the kernels of pixels, of edges and of samples, each with its arguments.
 
-use super::pattern::BLOCKS_PER_TILE;
 use super::hardware::Tiles;
+use super::pattern::BLOCKS_PER_TILE;
 use super::shading::Work;
 use super::{Hardware, Step, TracePattern, Tracer};
 use crate::error::Result;
@@ -35,9 +35,16 @@ impl Tracer {
             let count = part.tiles.end - first;
             traced += count * TILE_PIXELS;
             let by = hardware.as_deref_mut();
-            events.push(
-                self.describe(by, camera, shading, edge_rays, &pattern.tiles, first, count, records)?,
-            );
+            events.push(self.describe(
+                by,
+                camera,
+                shading,
+                edge_rays,
+                &pattern.tiles,
+                first,
+                count,
+                records,
+            )?);
         }
         if edge_rays > 0 {
             if ring > 0 {
@@ -82,9 +89,7 @@ impl Tracer {
         let mut events = match hardware.as_deref_mut() {
             Some(by) => by.trace_pixels(&self.device, scene, camera, tiles, hits, seed)?,
             None => {
-                vec![
-                    self.trace_pixels.launch(grid, scene, camera, list, first, count, hits, seed)?.into(),
-                ]
+                vec![self.trace_pixels.launch(grid, scene, camera, list, first, count, hits, seed)?.into()]
             }
         };
         if blends {

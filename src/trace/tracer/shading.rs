@@ -181,8 +181,9 @@ impl Wavefront {
     ) -> Result<()> {
         let Some(memory) = &self.memory else { return Ok(()) };
         let Memory { states, kept_surfaces, .. } = memory;
-        let Work { scene, camera, shading, samples, first, count, hits, visibility, records, counters, .. } =
-            *work;
+        let Work {
+            scene, camera, shading, samples, first, count, hits, visibility, records, counters, ..
+        } = *work;
         let (info, keys, cells) = work.light;
         let group = Traversal::SingleRay.group();
         let of_samples = Grid { items: count as usize, group };
@@ -222,7 +223,8 @@ impl Wavefront {
             };
             let (rays, queue) = memory.under_way(hardware.as_deref())?;
             if left {
-                let traced = self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?;
+                let traced =
+                    self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?;
                 events.push(traced.into());
             }
             events.push(
@@ -255,23 +257,31 @@ impl Wavefront {
             );
         }
         if work.glass {
-            events.push(self.shade_glass.launch(
-                of_samples,
-                scene,
-                camera,
-                shading,
-                count,
-                states,
-                info,
-                keys,
-                cells,
-                counters,
-                kept_surfaces,
-            )?.into());
+            events.push(
+                self.shade_glass
+                    .launch(
+                        of_samples,
+                        scene,
+                        camera,
+                        shading,
+                        count,
+                        states,
+                        info,
+                        keys,
+                        cells,
+                        counters,
+                        kept_surfaces,
+                    )?
+                    .into(),
+            );
         }
-        events.push(self.end_samples.launch(
-            of_samples, camera, shading, samples, first, count, visibility, states, records, counters,
-        )?.into());
+        events.push(
+            self.end_samples
+                .launch(
+                    of_samples, camera, shading, samples, first, count, visibility, states, records, counters,
+                )?
+                .into(),
+        );
         Ok(())
     }
 }
@@ -309,10 +319,7 @@ pub(super) fn bytes_under_way(info: &DeviceInfo) -> u64 {
 
 impl Memory {
     /// The rays under way, and the queue of those that met a surface.
-    fn under_way<'a>(
-        &'a self,
-        hardware: Option<&'a Hardware>,
-    ) -> Result<(&'a Buffer<u32>, &'a Buffer<u32>)> {
+    fn under_way<'a>(&'a self, hardware: Option<&'a Hardware>) -> Result<(&'a Buffer<u32>, &'a Buffer<u32>)> {
         hardware.map_or(Ok((&self.rays, &self.queue)), Hardware::rays)
     }
 

@@ -10,7 +10,10 @@ use crate::scene::{AlphaMode, Material};
 fn context() -> Option<Context> {
     let options = ContextOptions { validation: true, ray_queries: true, ..ContextOptions::default() };
     let context = Context::new(&options).ok().filter(Context::traces_rays);
-    assert!(context.is_some() || std::env::var("CI").as_deref() != Ok("true"), "no Vulkan device traces rays");
+    assert!(
+        context.is_some() || std::env::var("CI").as_deref() != Ok("true"),
+        "no Vulkan device traces rays"
+    );
     if context.is_none() {
         println!("not run: no Vulkan device here has ray queries");
     }
@@ -23,7 +26,9 @@ fn squares() -> Scene {
     let blend = Material { alpha: AlphaMode::Blend, ..Material::default() };
     let both = Material { double_sided: true, ..Material::default() };
     let mut scene = Scene { materials: vec![Material::default(), blend, both], ..Scene::default() };
-    for (half, z, material, turned) in [(1.0, 2.0, 0, false), (2.0, 3.0, 1, false), (3.0, 4.0, 2, false), (4.0, 5.0, 0, true)] {
+    for (half, z, material, turned) in
+        [(1.0, 2.0, 0, false), (2.0, 3.0, 1, false), (3.0, 4.0, 2, false), (4.0, 5.0, 0, true)]
+    {
         let first = scene.mesh.positions.len() as u32;
         let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)];
         scene.mesh.positions.extend(corners.map(|(x, y)| Vec3::new(x * half, y * half, z)));
@@ -64,7 +69,11 @@ fn known_rays_have_known_answers() {
             let (found, _) = queries.trace(&[origin], &[[0.0, 0.0, along]], asked).unwrap();
             let (t, open) = known[number];
             let [answer] = found[..] else { panic!("{found:?}") };
-            assert_eq!((answer.hit, answer.open), (t.is_some(), open), "{asked:?} from {origin:?}: {answer:?}");
+            assert_eq!(
+                (answer.hit, answer.open),
+                (t.is_some(), open),
+                "{asked:?} from {origin:?}: {answer:?}"
+            );
             if let (Some(t), true) = (t, asked != Asked::Any) {
                 assert!((answer.t - t).abs() < 1e-5, "{asked:?} from {origin:?}: {answer:?}");
                 let triangle = tree.order[answer.triangle as usize].triangle as usize;
@@ -73,7 +82,8 @@ fn known_rays_have_known_answers() {
             }
         }
         let origins = KNOWN.map(|(_, origin, _)| origin);
-        let directions: Vec<[f32; 3]> = (0..5 * GROUP + 1).map(|ray| [0.0, 0.0, KNOWN[ray / GROUP].0]).collect();
+        let directions: Vec<[f32; 3]> =
+            (0..5 * GROUP + 1).map(|ray| [0.0, 0.0, KNOWN[ray / GROUP].0]).collect();
         let (found, _) = queries.trace(&origins, &directions, asked).unwrap();
         assert_eq!(found.len(), directions.len());
         for (ray, answer) in found.iter().enumerate() {
