@@ -26,7 +26,7 @@ struct Placed {
 @group(0) @binding(4) var structure: acceleration_structure;
 var<immediate> job: Job;
 
-// Work-items in a row of groups: `GROUPS_ACROSS` of src/trace/hardware/passes.rs times the group's size.
+// Work-items in a row of groups: `GROUPS_ACROSS` of src/trace/hardware.rs times the group's size.
 const ROW: u32 = 65536u;
 
 // The planes, and what rays look for: as gpu/shade.cl and gpu/hardware.cl have them.

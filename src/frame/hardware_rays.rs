@@ -25,14 +25,14 @@ impl RaysBy {
         if wanted == HardwareRaysConfig::Off {
             return RaysBy::Kernels("trace.hardware_rays is off".to_string());
         }
+        if config.trace.traversal == TraversalConfig::Packet {
+            return RaysBy::Kernels("trace.traversal is packet".to_string());
+        }
         let missing = missing(context, shared);
         match (wanted, missing) {
             (HardwareRaysConfig::On, Some(missing)) => RaysBy::Nobody(missing),
             (HardwareRaysConfig::On, None) => RaysBy::RayQueries("trace.hardware_rays is on".to_string()),
             (_, Some(missing)) => RaysBy::Kernels(missing),
-            (_, None) if config.trace.traversal == TraversalConfig::Packet => {
-                RaysBy::Kernels("trace.traversal is packet".to_string())
-            }
             (_, None) => {
                 let traversals = config.trace.traversal.on(device).traversals;
                 let (faster, told) = hardware::compare(device, context, traversals);

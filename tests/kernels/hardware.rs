@@ -49,6 +49,17 @@ fn demo_scene() -> Scene {
     Scene::from_glb(std::path::Path::new("demo.glb"), &demo::generate()).unwrap()
 }
 
+/// A block town, and a view over it.
+fn town() -> (Scene, View) {
+    let bytes = voxel_town::generate(20_000, 1).unwrap();
+    let town = Scene::from_glb(std::path::Path::new("town.glb"), &bytes).unwrap();
+    let (low, high) = town.mesh.bounds().unwrap();
+    let (low, high) = (low.as_dvec3() + town.anchor, high.as_dvec3() + town.anchor);
+    let middle = (low + high) * 0.5;
+    let over = view(middle + (high - low) * DVec3::new(0.45, 0.6, 0.55), middle, 50.0, (240, 150));
+    (town, over)
+}
+
 fn lookout(scene: &Scene) -> View {
     let viewpoint = default_viewpoint(scene, 60.0);
     let fov = FieldOfView::symmetric(viewpoint.fov_y, 1.6);
@@ -93,13 +104,7 @@ fn both(
 #[test]
 fn camera_rays_hit_what_those_of_the_kernels_hit() {
     on_shared_memory(|device, context| {
-        let town =
-            Scene::from_glb(std::path::Path::new("town.glb"), &voxel_town::generate(20_000, 1).unwrap())
-                .unwrap();
-        let (low, high) = town.mesh.bounds().unwrap();
-        let (low, high) = (low.as_dvec3() + town.anchor, high.as_dvec3() + town.anchor);
-        let middle = (low + high) * 0.5;
-        let above = view(middle + (high - low) * DVec3::new(0.45, 0.6, 0.55), middle, 50.0, (240, 150));
+        let (town, above) = town();
         let demo = demo_scene();
         let shape = shape_of(demo.clone());
         let dark = Environment::constant(Vec3::ZERO);
@@ -210,6 +215,26 @@ fn samples_and_pixels_are_those_of_the_kernels() {
                 assert!(rays[0].abs_diff(rays[1]) * 100 <= rays[0], "{name}, {of}: {rays:?} rays");
                 assert!((means[1] / means[0] - 1.0).abs() < 0.005, "{name}, {of}: {means:?}");
             }
+        }
+    });
+}
+
+/// Level floors and walls, from which rays are lifted by next to nothing.
+#[test]
+fn rays_do_not_meet_the_surfaces_that_they_leave() {
+    on_shared_memory(|device, context| {
+        let (town, over) = town();
+        let view = View { width: 96, height: 60, ..over };
+        for settings in [Settings { rays: 32, ..PLAIN }, Settings { rays: 32, guided: true, ..PLAIN }] {
+            let [kernels, queries] = both((device, context), &town, &light(), &view, &settings);
+            let lit = kernels.samples.iter().filter(|record| record.depth > 0.0).count();
+            let off = kernels.samples.iter().zip(&queries.samples).filter(|(a, b)| !alike(a, b)).count();
+            let seen = kernels.visibility.iter().zip(&queries.visibility);
+            let described = seen.filter(|(a, b)| a.normal != b.normal).count();
+            let means = [mean(&kernels), mean(&queries)];
+            println!("town: {off} of {lit} samples and {described} pixels differ, means {means:?}");
+            assert!(lit > 2000 && off * 50 <= lit && described * 500 <= view.pixels(), "{off}, {described}");
+            assert!((means[1] / means[0] - 1.0).abs() < 0.002, "{means:?}");
         }
     });
 }
