@@ -187,8 +187,12 @@ fn kernels_take_no_more_of_gpus_than_they_are_allowed() {
     println!("| kernel | features | {} | {} |", NVIDIA.join(" | "), AMD.join(" | "));
     println!("| --- | --- | --- | --- | --- | --- |");
     let mut over = Vec::new();
-    for (name, features) in features() {
-        let options = source::options_of_gpus(&features, DEPTH);
+    let of_kernels =
+        features().map(|(name, features)| (name.to_string(), source::options_of_gpus(&features, DEPTH)));
+    let in_hardware = of_kernels.clone().map(|(name, options)| {
+        (format!("{name}, rays in hardware"), source::options_for_hardware_rays(&options))
+    });
+    for (name, options) in of_kernels.into_iter().chain(in_hardware) {
         let mut rows: BTreeMap<String, Vec<String>> = BTreeMap::new();
         let mut take = |costs: BTreeMap<String, Cost>, card: &str, of: fn(&Limit) -> Cost| {
             assert!(costs.contains_key("shade_light_hits"), "{card}: {costs:?}");

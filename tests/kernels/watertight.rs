@@ -169,8 +169,8 @@ fn closed_shapes_are_closed_for_every_kind_of_ray() {
     closed_shapes(FEW);
 }
 
-/// What ray queries leave out is counted, and what they make up: Vulkan does not demand that nothing passes between triangles.
-/// Many of these rays are aimed at the very edges and vertices.
+/// What ray queries leave out is counted, and what they make up, which is theirs to answer for. Many of these rays are aimed
+/// at the very edges and vertices.
 #[test]
 fn closed_shapes_are_all_but_closed_for_ray_queries() {
     let Some(context) = common::ray_queries() else { return };

@@ -11,11 +11,13 @@ use crate::trace::SceneData;
 const MOST: usize = 1 << 14;
 /// What rays look for, and what has become of them, as `kernels/rays.wgsl` has it.
 const RAY_FOR_SKY: u32 = 1;
+const RAY_FOR_EMITTER: u32 = 3;
 const RAY_FROM_EYE: u32 = 32;
 const RAY_FOR_BLOCKER: u32 = 64;
 const RAY_LOST: u32 = 4;
 const IS_OPEN: u32 = 16;
 const NONE: u32 = u32::MAX;
+const PLANE_TARGET: usize = 13;
 const PLANE_TRIANGLE: usize = 14;
 
 /// What is asked of rays.
@@ -23,6 +25,8 @@ const PLANE_TRIANGLE: usize = 14;
 pub enum Asked {
     /// Whether they hit anything.
     Any,
+    /// Whether they hit anything from its front, or from any side where it is double-sided.
+    AnyFront,
     /// The nearest triangle that they meet from its front, or from any side where it is double-sided.
     NearestFront,
     /// The nearest triangle.
@@ -91,6 +95,7 @@ impl RayQueries {
         let mut words = vec![0u32; stride * PLANE_ORIGIN as usize + 3 * groups];
         let sought = match asked {
             Asked::Any => RAY_FOR_SKY,
+            Asked::AnyFront => RAY_FOR_EMITTER,
             Asked::NearestFront => RAY_FROM_EYE,
             Asked::Nearest => RAY_FOR_BLOCKER,
         };
@@ -101,6 +106,7 @@ impl RayQueries {
             words[at] = sought;
             (0..3).for_each(|axis| words[(1 + axis) * stride + at] = direction[axis].to_bits());
             words[4 * stride + at] = f32::INFINITY.to_bits();
+            words[PLANE_TARGET * stride + at] = NONE;
         }
         for (k, origin) in origins.iter().enumerate() {
             let first = PLANE_ORIGIN as usize * stride + k;
@@ -115,8 +121,9 @@ impl RayQueries {
         answers.extend((0..directions.len()).map(|ray| {
             let at = place(ray);
             let (became, triangle) = (words[at], words[PLANE_TRIANGLE * stride + at]);
-            let triangle = if asked == Asked::Any { NONE } else { triangle };
-            let hit = if asked == Asked::Any { became == RAY_LOST } else { triangle != NONE };
+            let is_any = matches!(asked, Asked::Any | Asked::AnyFront);
+            let triangle = if is_any { NONE } else { triangle };
+            let hit = if is_any { became == RAY_LOST } else { triangle != NONE };
             let t = if triangle == NONE { f32::INFINITY } else { f32::from_bits(words[4 * stride + at]) };
             Answer { hit, open: became & IS_OPEN != 0, t, triangle }
         }));
