@@ -1,9 +1,14 @@
 //! A packed scene as an acceleration structure.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
-use crate::gpu::vulkan::{BottomLevel, Context, HostBuffer, Placement, TopLevel, Triangles};
+use crate::gpu::vulkan::{
+    BottomLevel, BufferRef, Commands, Context, DeviceBuffer, HostBuffer, Placement, TopLevel, Triangles,
+};
 use crate::layout::{TRIANGLE_ALPHA, TRIANGLE_DOUBLE_SIDED};
 use crate::trace::scene_buffers::{PlacedShape, SceneData};
 
@@ -11,9 +16,9 @@ use crate::trace::scene_buffers::{PlacedShape, SceneData};
 pub(super) struct Structure {
     pub top: TopLevel,
     /// A [`Placed`] for each placement.
-    pub placed: HostBuffer,
+    pub placed: DeviceBuffer,
     /// Of each opaque triangle its place in leaf order, bottom level by bottom level.
-    pub places: HostBuffer,
+    pub places: DeviceBuffer,
 }
 
 /// As `Placed` of `kernels/rays.wgsl`.
@@ -45,17 +50,14 @@ impl Structure {
     /// are seen from both sides or have alpha, which are met from any side, since the kernels look at them again.
     pub fn of(context: &Context, data: &SceneData) -> Result<Self> {
         let (mut placements, mut placed, mut places) = (Vec::new(), Vec::new(), Vec::new());
-        let mut levels: Vec<(u32, Vec<Level>)> = Vec::new();
+        let mut built: HashMap<u32, Vec<Level>> = HashMap::new();
         for shape in data.placed_shapes() {
             let first = shape.places.start;
-            let at = match levels.iter().position(|(known, _)| *known == first) {
-                Some(at) => at,
-                None => {
-                    levels.push((first, levels_of(context, data, &shape, &mut places)?));
-                    levels.len() - 1
-                }
+            let levels = match built.entry(first) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(levels_of(context, data, &shape, &mut places)?),
             };
-            for level in &levels[at].1 {
+            for level in levels {
                 placements.push(Placement {
                     shape: level.built.clone(),
                     world_from_shape: shape.world_from_shape,
@@ -69,9 +71,16 @@ impl Structure {
     }
 }
 
-fn upload<T: Pod>(context: &Context, values: &[T]) -> Result<HostBuffer> {
-    let buffer = HostBuffer::new(context, size_of_val(values))?;
-    buffer.write(0, values);
+/// Values in the device's own memory, where each hit asks for them.
+fn upload<T: Pod>(context: &Context, values: &[T]) -> Result<DeviceBuffer> {
+    let staging = HostBuffer::new(context, size_of_val(values))?;
+    staging.write(0, values);
+    let buffer = DeviceBuffer::new(context, staging.len())?;
+    let mut commands = Commands::new(context)?;
+    commands.begin()?;
+    commands.copy(&BufferRef::from(&staging), &BufferRef::from(&buffer), staging.len());
+    commands.submit()?;
+    commands.wait()?;
     Ok(buffer)
 }
 
