@@ -1,4 +1,4 @@
-//! Translates the presenting shaders, `kernels/*.wgsl`, to SPIR-V, tells the linker of unpacked drivers, and the program what
+//! Translates the shaders, `kernels/*.wgsl`, to SPIR-V, tells the linker of unpacked drivers, and the program what
 //! it was built from.
 //!
 //! Two directives, each a line of its own, stand in for a preprocessor:
@@ -75,12 +75,14 @@ fn read(path: &Path) -> String {
 fn compile(path: &Path, source: &str) -> Vec<u8> {
     let module = naga::front::wgsl::parse_str(source)
         .unwrap_or_else(|error| panic!("{}: {}", path.display(), error.emit_to_string(source)));
-    let info = Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES)
+    let traces_rays = source.contains("enable wgpu_ray_query;");
+    let needs = if traces_rays { Capabilities::RAY_QUERY } else { Capabilities::empty() };
+    let info = Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES | needs)
         .validate(&module)
         .unwrap_or_else(|error| panic!("{}: {}", path.display(), error.emit_to_string(source)));
-    // Every index comes from a table whose range the host has checked, and every loop ends.
+    // Every index comes from a table whose range the host has checked, and every loop ends. Ray queries take SPIR-V 1.4.
     let options = spv::Options {
-        lang_version: (1, 3),
+        lang_version: if traces_rays { (1, 4) } else { (1, 3) },
         flags: spv::WriterFlags::empty(),
         bounds_check_policies: BoundsCheckPolicies {
             index: BoundsCheckPolicy::Unchecked,
@@ -89,6 +91,7 @@ fn compile(path: &Path, source: &str) -> Vec<u8> {
         },
         zero_initialize_workgroup_memory: spv::ZeroInitializeWorkgroupMemoryMode::None,
         force_loop_bounding: false,
+        ray_query_initialization_tracking: false,
         emit_int_div_checks: false,
         ..spv::Options::default()
     };

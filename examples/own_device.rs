@@ -152,6 +152,7 @@ impl Engine {
             device: self.device.clone(),
             queue_family: self.queue_family,
             owned: false,
+            ray_queries: false,
         };
         // SAFETY: the handles belong together and outlive the context; the engine submits nothing meanwhile. One that
         // does holds the lock of `Context::queue`.

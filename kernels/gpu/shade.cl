@@ -37,6 +37,11 @@ static __global ShadedSample *state_at(__global uint *states, uint k) { return (
 #define PLANE_TRIANGLE 14u
 #define PLANE_LIGHT 12u
 #define IS_SMOOTH 8u
+#if HARDWARE_RAYS
+// Behind them where samples' rays leave them, for those who trace rays elsewhere (hardware.cl), which leave some open.
+#define PLANE_ORIGIN 15u
+#define IS_OPEN 16u
+#endif
 
 // What has become of a ray, in place of what it sought.
 #define RAY_LOST 4u
@@ -57,6 +62,17 @@ static void set_vector(__global uint *rays, uint count, uint plane, uint at, flo
     *word_of(rays, count, plane + 1u, at) = as_uint(v.y);
     *word_of(rays, count, plane + 2u, at) = as_uint(v.z);
 }
+
+#if HARDWARE_RAYS
+// Where the rays of sample k of `count` start.
+static void set_origin(__global uint *rays, uint count, uint k, float3 origin)
+{
+    __global uint *words = word_of(rays, count, PLANE_ORIGIN, k);
+    words[0] = as_uint(origin.x);
+    words[count] = as_uint(origin.y);
+    words[2u * count] = as_uint(origin.z);
+}
+#endif
 
 // What is left for the light rays of a sample when some look at the sun.
 static Shading without_sun_rays(Shading asked)
@@ -128,6 +144,10 @@ __kernel void generate_light_rays(SCENE_PARAMETERS, Camera camera, Shading asked
     if (at >= 32u * count)
         return;
     uint k = at % count, number = first_ray + at / count;
+#if HARDWARE_RAYS
+    if (at < count)
+        set_origin(light_rays, count, k, state_at(states, k)->sample.origin);
+#endif
     LightRay ray;
     bool is_used = false;
     if (number < shading.rays && state_at(states, k)->sample.lit) {
@@ -172,6 +192,10 @@ __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *
     for (uint at = k; under_way || at < 32u * count;) {
         if (!under_way) {
             uint sought = *word_of(light_rays, count, PLANE_SOUGHT, at) & ~IS_SMOOTH;
+#if HARDWARE_RAYS
+            // The others were traced before.
+            sought = sought & IS_OPEN ? sought & ~IS_OPEN : RAY_UNUSED;
+#endif
             if (sought == RAY_UNUSED) {
                 at += count;
                 continue;
@@ -184,6 +208,9 @@ __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *
         under_way = step_traversal(&scene, &ray, stack);
         if (!under_way) {
             __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
+#if HARDWARE_RAYS
+            *sought &= ~IS_OPEN;
+#endif
             uint became = ray_after(*sought & ~IS_SMOOTH, ray.found, ray.triangle, *word_of(light_rays, count, PLANE_TARGET, at));
             *sought = became | (*sought & IS_SMOOTH);
             if (became == RAY_TO_SHADE) {

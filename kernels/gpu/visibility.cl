@@ -12,6 +12,17 @@
 
 static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
 
+// Where the ray from what a pixel sees to the sun's centre starts; false where the surface faces away from it.
+INLINED static bool leave_for_sun(const Scene *scene, const Camera *camera, uint x, uint y, HitRecord hit, float3 sun, float3 *origin)
+{
+    float3 d = camera_ray(camera, x, y);
+    Facet f = facet_of(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low));
+    Surface s;
+    place_surface(&f, hit_weights(&f, d), d, &s);
+    *origin = leave_surface(&s);
+    return dot3(s.horizon, sun) > 0.0f;
+}
+
 // How much of the sun's light comes to each pixel of the tiles first .. first + count from its centre: see ../cpu/sun.h. counters[0] sums
 // the rays.
 __kernel void trace_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
@@ -25,13 +36,10 @@ __kernel void trace_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __glob
     uint pixel = y * camera.width + x;
     if (!IS_HIT(hits[pixel].triangle))
         return;
-    float3 d = camera_ray(&camera, x, y), sun = load3(shading.sun_direction);
-    Facet f = facet_of(&scene, hits[pixel].triangle, load3(camera.origin), load3(camera.origin_low));
-    Surface s;
-    place_surface(&f, hit_weights(&f, d), d, &s);
+    float3 sun = load3(shading.sun_direction), origin;
     float coming = 0.0f;
-    if (dot3(s.horizon, sun) > 0.0f) {
-        coming = light_along(&scene, &shading, leave_surface(&s), sun, INFINITY, 0u);
+    if (leave_for_sun(&scene, &camera, x, y, hits[pixel], sun, &origin)) {
+        coming = light_along(&scene, &shading, origin, sun, INFINITY, 0u);
         atomic_inc(&counters[0]);
     }
     records[pixel].reflected = as_uint(coming);

@@ -13,6 +13,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use xxhash_rust::xxh3::{Xxh3, xxh3_128};
 
 use super::trial;
@@ -29,7 +30,7 @@ use crate::trace::{Traversal, Traversals};
 /// Changes whenever measurements of old are not to be trusted any more.
 const MEASURED_AS: &str = "foveate traversals 3";
 /// A variant is taken over the one that is expected where it needs less than this part of its time.
-const CLEARLY: f64 = 0.9;
+pub(super) const CLEARLY: f64 = 0.9;
 /// After so long a variant that was of no use is tried again.
 const BELIEVED: Duration = Duration::from_secs(24 * 3600);
 /// A kept file is shorter than this.
@@ -214,7 +215,7 @@ fn frames_key(device: &Device, features: &Features, depth: u32, traversals: Trav
 }
 
 /// What a measurement depends on.
-fn key(device: &Device) -> u128 {
+pub(super) fn key(device: &Device) -> u128 {
     let info = device.info();
     let mut hash = Xxh3::new();
     let units = info.compute_units.to_string();
@@ -229,7 +230,7 @@ fn keep(path: &Path, findings: &Findings) -> Result<()> {
     keep_line(path, &serde_json::to_string(findings).expect("numbers and names"))
 }
 
-fn keep_line(path: &Path, line: &str) -> Result<()> {
+pub(super) fn keep_line(path: &Path, line: &str) -> Result<()> {
     private_file::write(path, |file| {
         writeln!(file, "{:032x}\n{line}", xxh3_128(line.as_bytes())).map_err(|e| Error::writing(path, &e))
     })
@@ -248,10 +249,10 @@ fn read(path: &Path) -> Option<Findings> {
     (whole && times.iter().all(|t| is_time(t.pixels_ms) && is_time(t.bundles_ms))).then_some(findings)
 }
 
-/// The kept verdict on the kernels of frames, as [`read`].
-fn read_verdict(path: &Path) -> Option<Result<(), String>> {
+/// A kept verdict, as [`read`].
+pub(super) fn read_verdict<T: DeserializeOwned>(path: &Path) -> Option<Result<T, String>> {
     let (line, age) = read_line(path)?;
-    let verdict: Result<(), String> = serde_json::from_str(&line).ok()?;
+    let verdict: Result<T, String> = serde_json::from_str(&line).ok()?;
     (verdict.is_ok() || age < BELIEVED).then_some(verdict)
 }
 

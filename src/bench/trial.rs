@@ -6,9 +6,11 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use super::hardware::{FrameTimes, measure};
 use super::variants::{Findings, Refusal, examine};
 use crate::error::{Error, Result};
 use crate::gpu::opencl::{Device, device};
+use crate::gpu::vulkan::{Context, ContextOptions};
 use crate::isolated::{self, Failure, stage};
 use crate::scene::Features;
 use crate::trace::{Traversal, Traversals, try_kernels};
@@ -37,6 +39,13 @@ pub enum What {
         features: Features,
         /// Levels of its tree.
         depth: u32,
+    },
+    /// Frames with rays by ray queries of a Vulkan device, beside those by the kernels.
+    RayQueries {
+        /// The Vulkan device's name.
+        vulkan: String,
+        /// The kernels' variants.
+        traversals: Traversals,
     },
 }
 
@@ -101,6 +110,22 @@ pub fn frames(
     serde_json::from_str(&answer).unwrap_or_else(|e| Err(e.to_string()))
 }
 
+/// How long frames take with rays by ray queries and without, as `program` finds it in a process of its own.
+///
+/// # Errors
+/// Why they cannot be made.
+pub fn ray_queries(
+    program: &Path,
+    device: &Device,
+    context: &Context,
+    traversals: Traversals,
+    patience: Duration,
+) -> Result<FrameTimes, String> {
+    let what = What::RayQueries { vulkan: context.report().name.clone(), traversals };
+    let answer = isolated::run(program, &what.on(device), patience).map_err(|f: Failure| f.to_string())?;
+    serde_json::from_str(&answer).unwrap_or_else(|e| Err(e.to_string()))
+}
+
 /// The other process' side: does the task and tells what it found.
 ///
 /// # Errors
@@ -125,6 +150,13 @@ pub fn work(task: &str) -> Result<()> {
         What::Frames { traversals, features, depth } => {
             let found: Result<(), String> =
                 opened.and_then(|device| try_kernels(&device, &features, depth, traversals).map_err(text));
+            serde_json::to_string(&found)
+        }
+        What::RayQueries { vulkan, traversals } => {
+            stage("asking Vulkan");
+            let options = ContextOptions { device: Some(vulkan), ray_queries: true, ..Default::default() };
+            let measured = |device| measure(&device, &Context::new(&options)?, traversals);
+            let found: Result<FrameTimes, String> = opened.and_then(|device| measured(device).map_err(text));
             serde_json::to_string(&found)
         }
     };

@@ -25,7 +25,7 @@ const ROUNDS: usize = 5;
 const HOPELESS: [f64; 2] = [5.0, 2.0];
 /// Pixels along a side of the measured view, and its samples.
 const SIDE: u32 = 512;
-const SAMPLES: usize = 6000;
+pub(super) const SAMPLES: usize = 6000;
 /// Of the samples one in so many is compared with the reference; distances may differ by this share, and so many of
 /// a thousand may be at an edge that rounding decides.
 const COMPARED: usize = 8;
@@ -71,13 +71,7 @@ pub struct Findings {
 pub fn examine(device: &Device, traversals: &[Traversal]) -> Result<Findings> {
     let shape = landscape();
     let tree = WideBvh::build(&shape.mesh.positions, &shape.mesh.triangles);
-    let view = View {
-        world_from_eye: Pose::look_at(DVec3::new(0.0, 2.5, 14.0), DVec3::new(0.0, 0.5, 0.0)),
-        fov: FieldOfView::symmetric(1.0, 1.0),
-        width: SIDE,
-        height: SIDE,
-        spacing: Default::default(),
-    };
+    let view = view();
     let pattern = Pattern::new(&view, &Law::default(), DVec2::splat(0.5), SAMPLES);
     let truth = truth(&shape, &view, &pattern);
     let mut findings = Findings::default();
@@ -173,8 +167,19 @@ fn in_turns(probes: &[Probe], kind: RayKind) -> Result<Vec<f64>> {
     Ok(best)
 }
 
+/// What is measured of it.
+pub(super) fn view() -> View {
+    View {
+        world_from_eye: Pose::look_at(DVec3::new(0.0, 2.5, 14.0), DVec3::new(0.0, 0.5, 0.0)),
+        fov: FieldOfView::symmetric(1.0, 1.0),
+        width: SIDE,
+        height: SIDE,
+        spacing: Default::default(),
+    }
+}
+
 /// Rolling ground with spheres of all sizes on it: some 35,000 triangles, seen at grazing and steep angles.
-fn landscape() -> Scene {
+pub(super) fn landscape() -> Scene {
     let mut scene =
         Scene { materials: vec![Material { double_sided: true, ..Material::default() }], ..Scene::default() };
     let mesh = &mut scene.mesh;

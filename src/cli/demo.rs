@@ -109,8 +109,7 @@ pub fn run(args: &Args) -> Result<()> {
         Ok(ended) => return ended,
         Err(why) => output::print_warnings(&[format!("a mock headset stands in for a real one: {why}")]),
     }
-    let (machine, loaded) =
-        rayon::join(|| Machine::open(&config.devices), || load(args.scene.as_deref(), &config));
+    let (machine, loaded) = rayon::join(|| Machine::open(&config), || load(args.scene.as_deref(), &config));
     let (machine, loaded) = (machine?, loaded?);
     output::print_warnings(&loaded.warnings);
     let session = Session {

@@ -12,8 +12,8 @@ use super::output;
 use crate::bench::Choice;
 use crate::config::{Config, Layers, Samples};
 use crate::error::{Error, Result};
-use crate::frame::{Loaded, Output, Plan, Renderer};
-use crate::gpu::interop;
+use crate::frame::{Loaded, Output, Plan, RaysBy, Renderer};
+use crate::gpu::interop::{self, Sharing};
 use crate::gpu::opencl::{Device, DeviceInfo, device};
 use crate::gpu::vulkan::{self, Context, ContextOptions};
 use crate::isolated;
@@ -22,7 +22,7 @@ use crate::scene::{default_viewpoint, generate};
 use crate::trace::State;
 
 use super::options::eye_fov;
-use parts::{KERNELS, OPENCL, Parts, SHARES, SHARING, VULKAN};
+use parts::{KERNELS, OPENCL, Parts, RAYS, SHARES, SHARING, VULKAN};
 
 /// Arguments of `foveate devices`.
 #[derive(Debug, clap::Args)]
@@ -42,6 +42,8 @@ struct Report {
     sharing: Option<String>,
     /// Why they are shared so.
     sharing_reason: Option<String>,
+    /// Who traces rays, and why, where devices can.
+    rays: Option<String>,
     /// What each device that traces takes of a small frame; one device takes all.
     shares: Vec<Share>,
     presenters: Vec<Presenter>,
@@ -73,6 +75,8 @@ struct VulkanDevice {
     name: String,
     kind: String,
     api_version: String,
+    /// The first extension or feature that it lacks for ray queries; `null` where it has them.
+    lacks_ray_queries: Option<String>,
     used: bool,
     reason: String,
 }
@@ -149,8 +153,7 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
         problems.extend(problem.filter(|problem| !problems.contains(problem)));
     };
 
-    let wanted = (!config.devices.vulkan.is_empty()).then(|| config.devices.vulkan.clone());
-    let asked = || Context::new(&ContextOptions { device: wanted, ..Default::default() });
+    let asked = || Context::new(&machine::vulkan_options(config, ContextOptions::default()));
     let context = parts.ask(VULKAN, asked).and_then(|context| context);
     let presenting = context.as_ref().map_or([0; 16], |c| c.report().uuid);
     let listed = parts.ask(OPENCL, device::list);
@@ -169,6 +172,14 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
                 None
             }
         },
+        _ => None,
+    };
+    let rays = match (tracing.first(), &context, &sharing) {
+        (Some(device), Ok(context), Some((sharing, _))) => {
+            let asked =
+                parts.ask(RAYS, || RaysBy::of(config, device, context, *sharing == Sharing::ZeroCopy));
+            asked.map_err(|error| keep(Err(error))).ok().map(|by| by.describe())
+        }
         _ => None,
     };
     // What a device is divided into is measured by itself when it is used.
@@ -208,7 +219,16 @@ fn report(config: &Config, parts: &Parts) -> Result<Report> {
     let opencl = described.map(|(at, (info, kernels))| describe_opencl(info, chosen.contains(&at), kernels));
     let (sharing, sharing_reason) = sharing.map(|(way, why)| (way.to_string(), why)).unzip();
     let presenters = presenters(parts);
-    Ok(Report { opencl: opencl.collect(), vulkan, sharing, sharing_reason, shares, presenters, problems })
+    Ok(Report {
+        opencl: opencl.collect(),
+        vulkan,
+        sharing,
+        sharing_reason,
+        rays,
+        shares,
+        presenters,
+        problems,
+    })
 }
 
 /// What a device has that traces alone.
@@ -275,6 +295,7 @@ fn describe_vulkan(report: vulkan::DeviceReport, used: Option<&([u8; 16], String
         name: report.name,
         kind: format!("{:?}", report.kind).to_lowercase(),
         api_version: report.api_version,
+        lacks_ray_queries: report.lacks_ray_queries,
         used: is_used,
         reason,
     }
@@ -342,11 +363,23 @@ fn text_of(report: &Report, json: bool) -> Result<String> {
     lines.push("Vulkan (reconstructs)".to_string());
     lines.extend(none(report.vulkan.len()));
     for d in &report.vulkan {
-        lines.push(format!("{}    {} [{}, {}]: {}", mark(d.used), d.name, d.kind, d.api_version, d.reason));
+        let rays = match &d.lacks_ray_queries {
+            Some(lacks) => format!("without ray queries: it lacks {lacks}"),
+            None => "with ray queries".to_string(),
+        };
+        lines.push(format!(
+            "{}    {} [{}, {}]: {}; {rays}",
+            mark(d.used),
+            d.name,
+            d.kind,
+            d.api_version,
+            d.reason
+        ));
     }
     if let (Some(sharing), Some(why)) = (&report.sharing, &report.sharing_reason) {
         lines.push(format!("Samples go from the first to the other {sharing}: {why}."));
     }
+    lines.extend(report.rays.clone());
     lines.push("Presenters".to_string());
     lines.extend(report.presenters.iter().map(|p| format!("{}    {}: {}", mark(p.used), p.name, p.reason)));
     lines.extend(report.problems.iter().map(|problem| format!("Problem: {problem}")));

@@ -1,12 +1,19 @@
 //! Opening the devices that the configuration asks for.
 
-use crate::config::DevicesConfig;
+use crate::config::{Config, DevicesConfig, HardwareRaysConfig};
 use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Renderer, Step};
 use crate::free_memory;
 use crate::gpu::opencl::{Device, DeviceInfo, device, why_none};
 use crate::gpu::vulkan::{Context, ContextOptions};
 use crate::waiting::{self, Limits};
+
+/// Options with what settings ask of the Vulkan device.
+pub fn vulkan_options(config: &Config, options: ContextOptions) -> ContextOptions {
+    let wanted = (!config.devices.vulkan.is_empty()).then(|| config.devices.vulkan.clone());
+    let ray_queries = config.trace.hardware_rays != HardwareRaysConfig::Off;
+    ContextOptions { device: wanted, ray_queries, ..options }
+}
 
 /// The devices that a frame needs.
 pub struct Machine {
@@ -23,7 +30,7 @@ impl Machine {
     ///
     /// # Errors
     /// [`Error::NoDevice`] where one is missing, with the next step.
-    pub fn open(config: &DevicesConfig) -> Result<Machine> {
+    pub fn open(config: &Config) -> Result<Machine> {
         Self::open_with(config, ContextOptions::default())
     }
 
@@ -31,13 +38,12 @@ impl Machine {
     ///
     /// # Errors
     /// As [`Machine::open`].
-    pub fn open_with(config: &DevicesConfig, options: ContextOptions) -> Result<Machine> {
-        let wanted = (!config.vulkan.is_empty()).then(|| config.vulkan.clone());
+    pub fn open_with(config: &Config, options: ContextOptions) -> Result<Machine> {
         note_tight_memory();
-        let options = ContextOptions { device: wanted, ..options };
+        let options = vulkan_options(config, options);
         let opened =
             waiting::ask("Vulkan", "Vulkan's driver", Limits::MOMENTS, move || Context::new(&options));
-        Self::presenting(opened??, config)
+        Self::presenting(opened??, &config.devices)
     }
 
     /// Opens the devices that trace for one that presents.
@@ -57,7 +63,7 @@ impl Machine {
     pub fn renderer(
         &self,
         loaded: &Loaded,
-        config: &crate::config::Config,
+        config: &Config,
         output: Output,
     ) -> Result<(Renderer, Vec<Step>)> {
         Renderer::with_devices(&self.devices, &self.context, loaded, config, output)

@@ -106,7 +106,7 @@ pub fn open(scene: &std::path::Path, config: &Config) -> Result<(Machine, Loaded
 
 /// Opens the devices while `load` loads a scene.
 pub fn open_with(config: &Config, load: impl FnOnce() -> Result<Loaded> + Send) -> Result<(Machine, Loaded)> {
-    let (machine, loaded) = rayon::join(|| Machine::open(&config.devices), load);
+    let (machine, loaded) = rayon::join(|| Machine::open(config), load);
     // What is wrong with the scene comes first: it is the likelier mistake.
     let loaded = loaded?;
     Ok((machine?, loaded))

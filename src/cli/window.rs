@@ -71,10 +71,8 @@ impl Show<'_> {
         let tracker = self.headset.map(|_| Tracker::start(memory(&self.config.dk1), None)).transpose()?;
         let panel = Panel::connect("render to files with `foveate demo`")?;
         let options = panel.vulkan_options()?;
-        let (machine, loaded) = rayon::join(
-            || Machine::open_with(&self.config.devices, options),
-            || load(self.scene, self.config),
-        );
+        let (machine, loaded) =
+            rayon::join(|| Machine::open_with(self.config, options), || load(self.scene, self.config));
         let (machine, loaded) = (machine?, loaded?);
         output::print_warnings(&loaded.warnings);
         output::print_warnings(&self.notes);

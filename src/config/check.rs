@@ -36,6 +36,7 @@ impl Config {
         whole("trace.rays", self.trace.rays, 1, 4096)?;
         whole("trace.bounces", self.trace.bounces, 0, 4)?;
         whole("trace.edge_rays", self.trace.edge_rays, 0, 8)?;
+        self.trace.check()?;
         whole("reconstruction.k", self.reconstruction.k, 1, 16)?;
         whole("time.frames", self.time.frames, 1, 256)?;
         whole("time.pictures", self.time.pictures, 1, 64)?;

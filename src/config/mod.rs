@@ -29,7 +29,7 @@ pub use quality::Quality;
 pub use reconstruction::{Method, ReconstructionConfig, TimeConfig, WeightsConfig};
 pub use scene::SceneConfig;
 use serde::{Deserialize, Serialize};
-pub use trace::{DeformConfig, Indirect, TraceConfig, TraversalConfig};
+pub use trace::{DeformConfig, HardwareRaysConfig, Indirect, TraceConfig, TraversalConfig};
 pub use view::{Stereo, ViewConfig};
 
 /// Everything that can be set. [`Config::default`] is the truth; `configs/default.toml` repeats it with

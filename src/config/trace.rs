@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bench::Choice;
+use crate::error::{Error, Result};
 use crate::gpu::opencl::Device;
 use crate::trace;
 
@@ -24,6 +25,22 @@ pub struct TraceConfig {
     pub traversal: TraversalConfig,
     /// Who deforms skinned and morphed meshes.
     pub deform: DeformConfig,
+    /// Whether ray queries of the presenting device trace rays.
+    pub hardware_rays: HardwareRaysConfig,
+}
+
+impl TraceConfig {
+    /// What keys say of each other.
+    pub(super) fn check(&self) -> Result<()> {
+        match (self.hardware_rays, self.traversal) {
+            (HardwareRaysConfig::On, TraversalConfig::Packet) => {
+                let problem =
+                    "packets of rays are traced by kernels alone; give trace.traversal=auto beside it";
+                Err(Error::setting("trace.hardware_rays", problem))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Where light comes from that surfaces have reflected.
@@ -34,6 +51,18 @@ pub enum Indirect {
     Cache,
     /// Paths alone, of as many bounces as are given.
     Paths,
+}
+
+/// Whether ray queries of the presenting device (VK_KHR_ray_query) trace the rays of the OpenCL device that shares its memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HardwareRaysConfig {
+    /// The kernels trace all rays.
+    Off,
+    /// Where that is not possible it is an error.
+    On,
+    /// Where it is possible, and clearly faster by a measurement at the first start.
+    Auto,
 }
 
 /// Who deforms skinned and morphed meshes, and fits their trees.
@@ -109,6 +138,7 @@ impl Default for TraceConfig {
             seed: 0,
             traversal: TraversalConfig::Auto,
             deform: DeformConfig::Auto,
+            hardware_rays: HardwareRaysConfig::Off,
         }
     }
 }

@@ -26,6 +26,7 @@ use super::{SceneData, Traversals};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
+use crate::gpu::vulkan::Context;
 use crate::progress;
 use crate::waiting::{self, Limits};
 use thread::{Answer, Order, work};
@@ -110,14 +111,20 @@ impl Fleet {
     ) -> Result<Fleet> {
         let fit: Vec<Tried> =
             devices.iter().map(|(device, traversals)| (device.clone(), Ok(*traversals))).collect();
-        Self::of_tried(&fit, data, direct)
+        Self::of_tried(&fit, data, direct, None)
     }
 
-    /// The same where some devices are known to be of no use, and why: they are left out with that sentence.
+    /// The same where some devices are known to be of no use, and why: they are left out with that sentence. The rays of
+    /// the first, which writes in place, may be traced by ray queries of the presenting one, until it fails.
     ///
     /// # Errors
     /// As [`Fleet::of_devices`].
-    pub fn of_tried(devices: &[Tried], data: &Arc<SceneData>, direct: bool) -> Result<Fleet> {
+    pub fn of_tried(
+        devices: &[Tried],
+        data: &Arc<SceneData>,
+        direct: bool,
+        rays: Option<&Context>,
+    ) -> Result<Fleet> {
         let opener = |(index, (device, traversals)): (usize, &Tried)| {
             let (device, traversals, data) = (device.clone(), traversals.clone(), data.clone());
             let mut name = device.info().name.clone();
@@ -125,13 +132,15 @@ impl Fleet {
             if devices.iter().filter(twin).count() > 1 {
                 name += &format!(" (number {})", devices[..=index].iter().filter(twin).count());
             }
+            let rays = rays.filter(|_| index == 0).cloned();
             let open: Opener = Box::new(move |times| {
                 let traversals = traversals
                     .clone()
                     .map_err(|problem| Error::Device { device: device.info().name.clone(), problem })?;
-                Ok(Box::new(match times {
-                    0 => DeviceWorker::new(&device, &data, traversals, direct && index == 0)?,
-                    _ => DeviceWorker::reopen(device.info(), &data, traversals)?,
+                Ok(Box::new(match (times, &rays) {
+                    (0, Some(rays)) => DeviceWorker::with_hardware_rays(&device, &data, rays)?,
+                    (0, None) => DeviceWorker::new(&device, &data, traversals, direct && index == 0)?,
+                    (_, _) => DeviceWorker::reopen(device.info(), &data, traversals)?,
                 }))
             });
             (name, open)
@@ -201,6 +210,11 @@ impl Fleet {
     /// What the operator should know of devices that have left or come back, once.
     pub fn take_notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
+    }
+
+    /// Has the operator told of something that is no device's failure.
+    pub fn note(&mut self, note: String) {
+        self.notes.push(note);
     }
 
     /// Waits until a device takes part, for so long at most; tells whether one does.

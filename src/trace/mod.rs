@@ -12,6 +12,7 @@ mod daylight;
 mod deform;
 mod emitters;
 mod fleet;
+pub mod hardware;
 mod kernels;
 mod light_cache;
 mod moving;

@@ -8,6 +8,7 @@ mod instant;
 mod light;
 mod moved;
 mod pack;
+mod shapes;
 
 use std::sync::OnceLock;
 
@@ -26,6 +27,7 @@ pub use count::tree_bytes;
 pub(super) use deformed::DeformKernels;
 pub(super) use instances::{instance_records, place_record};
 pub(super) use moved::Moved;
+pub(super) use shapes::PlacedShape;
 
 use super::emitters::{PackedEmitters, lights_in_order};
 use pack::{cache_info, pack_color, pack_texels, pack_textures, pack_triangles, shading, srgb_codes};

@@ -8,6 +8,7 @@ use crate::bvh::WideBvh;
 use crate::error::{Error, Result};
 use crate::foveation::{Law, Pattern};
 use crate::gpu::opencl::{Buffer, Device};
+use crate::gpu::vulkan::Context;
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::scene::{Environment, Material, Scene};
@@ -21,15 +22,15 @@ const ALBEDO: f32 = 0.5;
 const DEPTH: f64 = 1e-3;
 const RADIANCE: f64 = 0.1;
 
-/// Traces the floor by built kernels, and compares every sample with what is known of it.
+/// Traces the floor by built kernels, with rays by ray queries where they want that, and compares every sample with what is known of it.
 ///
 /// # Errors
 /// [`Error::Device`] where the device fails, or computes something else.
-pub fn run(device: &Device, programs: &Programs) -> Result<()> {
+pub fn run(device: &Device, programs: &Programs, hardware: Option<&Context>) -> Result<()> {
     let scene = floor();
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let data = SceneData::pack(&scene, &bvh, &Environment::constant(Vec3::ONE))?;
-    let mut tracer = Tracer::with_programs(device, programs, &data)?;
+    let mut tracer = Tracer::with_programs(device, programs, &data, hardware)?;
     let view = View {
         world_from_eye: Pose::look_at(DVec3::new(0.0, 1.0, 0.3), DVec3::new(0.0, 0.0, -1.0)),
         fov: FieldOfView::symmetric(1.6, 1.0),
@@ -130,7 +131,7 @@ mod tests {
         let (features, traversals) =
             (crate::scene::Features::default(), Traversal::for_device(device).into());
         let programs = Programs::build_text(device, &text.replace(piece, wrong), &features, 12, traversals)?;
-        run(device, &programs)
+        run(device, &programs, None)
     }
 
     #[test]

@@ -36,7 +36,7 @@ pub(super) const SURFACE_BYTES: usize = 512;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 40] = [
+const FILES: [&str; 41] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -74,6 +74,7 @@ const FILES: [&str; 40] = [
     include_str!("../../kernels/shared/sample.h"),
     include_str!("../../kernels/cpu/shade.cl"),
     include_str!("../../kernels/gpu/shade.cl"),
+    include_str!("../../kernels/gpu/hardware.cl"),
     include_str!("../../kernels/gather.cl"),
     include_str!("../../kernels/deform.cl"),
     include_str!("../../kernels/refit.cl"),
@@ -132,6 +133,11 @@ fn lanes_of_bits() -> String {
 /// less time to build), and the depth of the kernels' stacks.
 pub fn options(device: &DeviceInfo, features: &Features, tree_depth: u32, traversal: Traversal) -> String {
     options_with(features, tree_depth, traversal, prefetches(device), device.kind != "gpu")
+}
+
+/// The same for kernels whose rays others trace: `kernels/gpu/hardware.cl`.
+pub fn options_for_hardware_rays(options: &str) -> String {
+    format!("{options} -D HARDWARE_RAYS=1")
 }
 
 /// The same for graphics cards, whose compilers need no card.

@@ -1,6 +1,8 @@
 //! Kernels and buffers of one device, and a view's samples traced on it.
 
 mod camera;
+mod enqueue;
+mod hardware;
 mod in_flight;
 mod launch;
 mod pattern;
@@ -14,7 +16,8 @@ use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::gpu::opencl::{Buffer, Device, Event, Transfer};
-use crate::layout::{self, HitRecord, SampleRecord, UNTRACED, VisibilityRecord};
+use crate::gpu::vulkan::Context;
+use crate::layout::{self, HitRecord, UNTRACED, VisibilityRecord};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
@@ -26,10 +29,12 @@ use super::light_cache::LightCache;
 use super::scene_buffers::DeformKernels;
 use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
+use hardware::Hardware;
 pub use in_flight::InFlight;
+pub(in crate::trace) use in_flight::Step;
 pub(super) use pattern::BLOCKS_PER_TILE;
+use pattern::ROWS_PER_TILE;
 pub use pattern::TracePattern;
-use pattern::{ROWS_PER_TILE, Ring};
 pub(super) use programs::Programs;
 pub use programs::try_kernels;
 pub(super) use shading::{SampleShading, Work};
@@ -90,6 +95,8 @@ pub struct Tracer {
     settle_blends: SettleBlends,
     share_blends: ShareBlends,
     sample_shading: SampleShading,
+    /// Traces rays, where that is not the kernels' task.
+    hardware: Option<Hardware>,
     pack_visibility: PackVisibility,
     light: LightCache,
     counters: Buffer<u32>,
@@ -131,8 +138,20 @@ impl Tracer {
     pub fn open(device: &Device, data: &SceneData, traversals: Traversals) -> Result<Self> {
         data.check_fit(device, traversals)?;
         let programs = Programs::build(device, &data.features, data.depth, traversals)?;
-        super::self_test::run(device, &programs)?;
-        Self::with_programs(device, &programs, data)
+        super::self_test::run(device, &programs, None)?;
+        Self::with_programs(device, &programs, data, None)
+    }
+
+    /// The same with rays that a device's ray queries trace (`src/trace/hardware.rs`): one that shares memory with this
+    /// device, for a scene in which nothing moves.
+    ///
+    /// # Errors
+    /// As [`Tracer::open`], for both devices.
+    pub fn with_hardware_rays(device: &Device, data: &SceneData, rays: &Context) -> Result<Self> {
+        data.check_fit(device, Traversal::SingleRay.into())?;
+        let programs = Programs::for_hardware_rays(device, &data.features, data.depth)?;
+        super::self_test::run(device, &programs, Some(rays))?;
+        Self::with_programs(device, &programs, data, Some(rays))
     }
 
     /// Like [`Tracer::new`], with kernels built for given features, at least those that are required, and in a
@@ -147,10 +166,17 @@ impl Tracer {
     ) -> Result<Self> {
         let data = SceneData::pack(scene, trees, environment)?;
         let programs = Programs::build(device, features, data.depth, traversals.into())?;
-        Self::with_programs(device, &programs, &data)
+        Self::with_programs(device, &programs, &data, None)
     }
 
-    pub(super) fn with_programs(device: &Device, programs: &Programs, data: &SceneData) -> Result<Self> {
+    /// `hardware` traces the rays of programs that want it.
+    pub(super) fn with_programs(
+        device: &Device,
+        programs: &Programs,
+        data: &SceneData,
+        hardware: Option<&Context>,
+    ) -> Result<Self> {
+        assert_eq!(programs.hardware, hardware.is_some(), "rays are traced by kernels or elsewhere");
         let program = &programs.pixels;
         data.check_fit_beside(device, programs.traversals, programs.working_memory(device.info())?)?;
         let on_gpus = |required: bool| required && programs.traversals.pixels == Traversal::SingleRay;
@@ -175,6 +201,9 @@ impl Tracer {
             settle_blends: SettleBlends::of(program)?,
             share_blends: ShareBlends::of(program)?,
             sample_shading: SampleShading::of(bundles, programs.traversals.bundles)?,
+            hardware: hardware
+                .map(|context| Hardware::new(device, context, data, program, programs.features))
+                .transpose()?,
             pack_visibility: PackVisibility::of(program)?,
             counters: Buffer::new(device, 2)?,
             hits: untraced(device, 1)?,
@@ -277,87 +306,6 @@ impl Tracer {
             hits_per_pixel: u32::from(settings.guided),
             ..self.scene.shading
         }
-    }
-
-    /// Enqueues the trace of all samples of a view; with guided settings also what every pixel sees. More may be enqueued
-    /// before this is waited for.
-    ///
-    /// `samples` and `visibility` are at least as long as the pattern's samples and the view's pixels;
-    /// their content is complete after [`Tracer::finish`].
-    pub fn enqueue(
-        &mut self,
-        view: &View,
-        settings: &Settings,
-        pattern: &TracePattern,
-        samples: &Buffer<SampleRecord>,
-        visibility: Option<&Buffer<VisibilityRecord>>,
-    ) -> Result<InFlight> {
-        self.enqueue_parts(view, settings, pattern, std::slice::from_ref(&pattern.whole), samples, visibility)
-    }
-
-    /// Like [`Tracer::enqueue`], for parts of the view that follow each other: records of other parts stay as
-    /// they are, except that the first part's first traced tile is described too.
-    pub fn enqueue_parts(
-        &mut self,
-        view: &View,
-        settings: &Settings,
-        pattern: &TracePattern,
-        parts: &[Part],
-        samples: &Buffer<SampleRecord>,
-        visibility: Option<&Buffer<VisibilityRecord>>,
-    ) -> Result<InFlight> {
-        assert_eq!(
-            settings.guided,
-            visibility.is_some(),
-            "guided reconstruction needs visibility, k-NN does not"
-        );
-        let needed = if settings.guided { view.pixels() } else { pattern.whole.samples.len() };
-        if self.hits.len() < needed {
-            self.hits = untraced(&self.device, needed)?;
-        }
-        if self.may_blend && self.blends.len() < needed {
-            self.blends = Buffer::zeroed(&self.device, needed)?;
-        }
-        samples.acquire()?;
-        visibility.map_or(Ok(()), Buffer::acquire)?;
-        self.counters.fill_zero()?;
-        let camera = camera(view, self.anchor, settings);
-        let shading = self.shading(settings);
-        let mut copied = None;
-        let (traces, camera_rays) = match visibility {
-            Some(records) => {
-                let edges = settings.edge_rays;
-                let ring = if edges > 0 { pattern.ring(parts) } else { Ring::default() };
-                let (tiles, blocks) = (ring.tiles.len(), ring.blocks);
-                copied = self.give_ring(ring)?;
-                self.trace_tiles(&camera, &shading, edges, pattern, parts, (tiles as u32, blocks), records)?
-            }
-            None => {
-                let trace = |part: &Part| Ok(vec![self.trace_only_samples(&camera, pattern, part)?]);
-                let rays = parts.iter().map(|part| part.samples.len() as u64).sum();
-                (parts.iter().map(trace).collect::<Result<Vec<_>>>()?, rays)
-            }
-        };
-        let mut events = Vec::with_capacity(parts.len());
-        for (part, trace) in parts.iter().zip(traces) {
-            events.push((trace, self.shade(&camera, &shading, pattern, part, visibility, samples)?));
-        }
-        samples.release()?;
-        visibility.map_or(Ok(()), Buffer::release)?;
-        let counters = self.counters.start_read(0, 2)?;
-        self.device.flush()?;
-        Ok(InFlight { parts: events, camera_rays, counters, _copied: copied })
-    }
-
-    /// Has the tiles around parts copied to where kernels find them.
-    fn give_ring(&mut self, ring: Ring) -> Result<Option<Transfer<Vec<u32>>>> {
-        if ring.tiles.is_empty() {
-            return Ok(None);
-        }
-        if self.ring.len() < ring.tiles.len() {
-            self.ring = Buffer::new(&self.device, ring.tiles.len().next_power_of_two())?;
-        }
-        self.ring.start_write(ring.tiles).map(Some)
     }
 
     /// Waits for what was enqueued, not for what was enqueued after it, and tells what it did.

@@ -138,7 +138,7 @@ impl Idle {
             counters,
             glass: true,
         };
-        self.sample_shading.enqueue(&self.device, &work)?;
+        self.sample_shading.enqueue(&self.device, &work, None)?;
         self.device.finish()
     }
 }

@@ -8,7 +8,7 @@ use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::interop::Shared;
 use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event, Transfer};
-use crate::gpu::vulkan::BufferRef;
+use crate::gpu::vulkan::{BufferRef, Context};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 
@@ -151,6 +151,21 @@ impl DeviceWorker {
             tracer: Tracer::open(device, data, traversals)?,
             direct,
             slices,
+            light: 0,
+            views: Vec::new(),
+        })
+    }
+
+    /// The first device of a fleet, which writes landings in place, with rays that the presenting device's ray queries trace:
+    /// see [`Tracer::with_hardware_rays`].
+    ///
+    /// # Errors
+    /// As [`DeviceWorker::new`], for both devices.
+    pub fn with_hardware_rays(device: &Device, data: &SceneData, rays: &Context) -> Result<Self> {
+        Ok(DeviceWorker {
+            tracer: Tracer::with_hardware_rays(device, data, rays)?,
+            direct: true,
+            slices: 1,
             light: 0,
             views: Vec::new(),
         })

@@ -36,6 +36,11 @@ fn settings_that_do_not_fit_are_refused_by_the_name_they_were_given() {
         ("--set devices.vulkan=voodoo2", "voodoo2"),
         ("--devices 99", "none is called \"99\""),
         ("--set trace.rays=many", "expected a whole number"),
+        ("--set trace.hardware_rays=yes", "expected one of `off`, `on`, `auto`"),
+        (
+            "--set trace.hardware_rays=on --set trace.traversal=packet",
+            "trace.hardware_rays: packets of rays are traced by kernels alone",
+        ),
         ("--set trace.rayz=3", "rayz"),
         ("--set trace.rays", "not key=value"),
         ("--set foveation.law.exponent=2", "exponent: 2 is out of range"),

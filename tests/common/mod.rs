@@ -24,6 +24,17 @@ pub fn vulkan() -> Option<Context> {
     }
 }
 
+/// The same with ray queries switched on; says so where no device has them, with CI=true as above.
+pub fn ray_queries() -> Option<Context> {
+    let options = ContextOptions { validation: true, ray_queries: true, ..ContextOptions::default() };
+    let context = Context::new(&options).ok().filter(Context::traces_rays);
+    if context.is_none() {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "no Vulkan device has ray queries");
+        println!("not run: no Vulkan device has ray queries");
+    }
+    context
+}
+
 /// A file or folder of the test data; says so on standard error when it is not there.
 pub fn data(relative: &str) -> Option<PathBuf> {
     let root = std::env::var_os("FOVEATE_TEST_DATA")

@@ -5,11 +5,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use foveate::bvh::{Trees, WideBvh};
 use foveate::foveation::{Law, Pattern};
 use foveate::gpu::opencl::{Buffer, Device, device};
+use foveate::gpu::vulkan::Context;
 use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{Environment, Features, Scene};
-use foveate::trace::{Settings, Tracer, Traversal, Traversals};
+use foveate::trace::{SceneData, Settings, Tracer, Traversal, Traversals};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
@@ -109,6 +110,20 @@ impl Bench {
     ) -> Self {
         let tracer = Tracer::with_features(device, scene, trees, environment, features, traversal).unwrap();
         Bench { bvh: None, tracer, device: device.clone() }
+    }
+
+    /// With rays that ray queries trace; hits are told by the mesh's triangles where `bvh` is its tree.
+    pub fn by_ray_queries(
+        device: &Device,
+        context: &Context,
+        scene: &Scene,
+        environment: &Environment,
+        trees: Trees,
+        bvh: Option<WideBvh>,
+    ) -> Self {
+        let data = SceneData::pack(scene, trees, environment).unwrap();
+        let tracer = Tracer::with_hardware_rays(device, &data, context).unwrap();
+        Bench { bvh, tracer, device: device.clone() }
     }
 
     /// Makes steps of the cache of light, where a pattern's samples look.

@@ -23,7 +23,7 @@ fn reach(scene: &Scene, view: &View) -> f64 {
 }
 
 /// Hits, and camera rays whose hit or miss the reference does not allow.
-fn disagreements(scene: &Scene, view: &View, picture: &Picture) -> (usize, Vec<usize>) {
+pub fn disagreements(scene: &Scene, view: &View, picture: &Picture) -> (usize, Vec<usize>) {
     let tracer = Tracer::new(scene);
     let tolerance = TOLERANCE * reach(scene, view);
     let is_wrong = |pixel: &usize| {

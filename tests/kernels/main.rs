@@ -12,6 +12,7 @@ mod deform;
 mod denoise;
 mod edges;
 mod guided;
+mod hardware;
 mod hits;
 mod instances;
 mod penumbra;

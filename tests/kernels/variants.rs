@@ -13,7 +13,7 @@ use crate::scenes::{cuboid, matt, quad};
 
 /// The still life with all that light rays look for: a lamp that is a surface, punctual ones, glass, a coat, and a wall that is
 /// passed from behind.
-fn everything() -> Scene {
+pub fn everything() -> Scene {
     let mut scene = still_life();
     let first = scene.materials.len() as u32;
     let glass = Glass {
@@ -44,7 +44,7 @@ fn everything() -> Scene {
 }
 
 /// Whether two records are the same but for rounding.
-fn alike(a: &SampleRecord, b: &SampleRecord) -> bool {
+pub fn alike(a: &SampleRecord, b: &SampleRecord) -> bool {
     let near = |a: [f32; 3], b: [f32; 3]| {
         let (a, b) = (DVec3::from(a.map(f64::from)), DVec3::from(b.map(f64::from)));
         (a - b).abs().max_element() <= 1e-3 * a.max_element() + 1e-5

@@ -10,12 +10,14 @@ use foveate::layout::{HitRecord, SUN_VISIBLE};
 use foveate::math::view::View;
 use foveate::reference::{self, Random, Ray, Tracer};
 use foveate::scene::{Environment, Scene, Sun};
+use foveate::trace::hardware::{Asked, RayQueries};
 use foveate::trace::probe::{Bundles, Probe, RayKind, shape_of};
 use foveate::trace::{Settings, Traversal};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device};
+use crate::common;
 use crate::convex::{self, Convex, PLACES, Place};
 use crate::scenes::{quad, shape};
 
@@ -165,6 +167,29 @@ fn closed_shapes(rays: usize) {
 #[test]
 fn closed_shapes_are_closed_for_every_kind_of_ray() {
     closed_shapes(FEW);
+}
+
+/// What ray queries leave out is counted, and what they make up, which is theirs to answer for. Many of these rays are aimed
+/// at the very edges and vertices.
+#[test]
+fn closed_shapes_are_all_but_closed_for_ray_queries() {
+    let Some(context) = common::ray_queries() else { return };
+    let mut total = Count::default();
+    for shape in Convex::all() {
+        let judge = Judge::new(&shape.scene);
+        let mut queries = RayQueries::new(&context, &shape.scene, &judge.bvh).unwrap();
+        let bundles = shape.bundles(FEW, 1);
+        let mut ask = |asked| queries.trace(&bundles.origins, &bundles.directions, asked).unwrap().0;
+        let (nearest, any) = (ask(Asked::Nearest), ask(Asked::Any));
+        let hit = |i: usize| HitRecord { triangle: nearest[i].triangle, t: nearest[i].t };
+        let count = Judge::sum(nearest.len(), |i| judge.must_hit(i, &bundle_ray(&bundles, i), hit(i)));
+        let seen = any.iter().filter(|answer| !answer.hit).count();
+        println!("{}: {count:?}, {seen} of as many pass as shadow rays", shape.name);
+        total = total.and(count).and(Count { rays: any.len(), misses: seen, ..Count::default() });
+    }
+    println!("closed shapes by ray queries: {total:?}");
+    assert!(total.rays > 0 && total.misses * 100 <= total.rays, "{total:?}");
+    assert!(total.false_hits == 0, "{total:?}");
 }
 
 #[test]

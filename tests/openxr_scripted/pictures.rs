@@ -4,6 +4,7 @@ use std::path::Path;
 
 use fake_runtime::script::{Dump, Script, Session, View};
 
+use super::common;
 use super::common::builder::Builder;
 use super::views::check_pictures;
 use super::{command, finished, possible, run};
@@ -24,7 +25,10 @@ fn mirrored(apart: f32) -> Vec<View> {
 #[test]
 fn each_eye_is_shown_its_own_picture() {
     // Far apart, so that they see the square at different places; one view for both is only right near.
-    for (apart, more) in [(0.8, ""), (0.8, "--stereo per-eye"), (0.002, "--stereo shared")] {
+    // The device that the runtime makes has ray queries where it lists them.
+    let in_hardware = common::ray_queries().map(|_| (0.8, "--set trace.hardware_rays=on"));
+    let usual = [(0.8, ""), (0.8, "--stereo per-eye"), (0.002, "--stereo shared")];
+    for (apart, more) in usual.into_iter().chain(in_hardware) {
         let folder = tempfile::tempdir().unwrap();
         let sessions = dumping(folder.path(), &[5]);
         let script = Script { views: mirrored(apart), sessions, ..Script::default() };

@@ -1,5 +1,4 @@
-//! A Vulkan device that traces rays itself: its queue, its memory, and which of Vulkan's two ways it has. What is
-//! made lives as long as the process.
+//! A Vulkan device with ray-tracing pipelines: its queue and its memory. What is made lives as long as the process.
 #![allow(unsafe_code)]
 
 use std::ffi::CStr;
@@ -27,7 +26,7 @@ pub struct Device {
     fence: vk::Fence,
 }
 
-/// A device that has acceleration structures and one of the ways to trace rays through them.
+/// A device that has acceleration structures and ray-tracing pipelines.
 #[derive(Clone)]
 pub struct Able {
     physical: vk::PhysicalDevice,
@@ -35,10 +34,6 @@ pub struct Able {
     pub name: String,
     /// What scratch memory of a build is aligned to.
     pub scratch_alignment: u64,
-    /// VK_KHR_ray_query.
-    pub queries: bool,
-    /// VK_KHR_ray_tracing_pipeline.
-    pub pipelines: bool,
 }
 
 /// What went wrong, in a sentence.
@@ -47,7 +42,7 @@ pub fn failed(what: &'static str) -> impl Fn(vk::Result) -> String {
 }
 
 impl Device {
-    /// The first device that traces rays and has `wanted` in its name, graphics cards first; `None` without one.
+    /// The first device that has ray-tracing pipelines and `wanted` in its name, graphics cards first; `None` without one.
     pub fn open(wanted: &str) -> Result<Option<Device>, String> {
         // SAFETY: the loader's library is not unloaded, since the entry is kept.
         let Ok(entry) = (unsafe { ash::Entry::load() }) else { return Ok(None) };
@@ -241,7 +236,7 @@ impl Device {
     }
 }
 
-/// What a device can, where it can trace rays at all.
+/// What a device can, where it has ray-tracing pipelines.
 fn able(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<Able> {
     let mut structures = vk::PhysicalDeviceAccelerationStructurePropertiesKHR::default();
     let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut structures);
@@ -254,41 +249,34 @@ fn able(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<Able> 
     let (kind, version) = (properties.properties.device_type, properties.properties.api_version);
     let name = properties.properties.device_name_as_c_str().ok()?.to_string_lossy().into_owned();
     let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
-    let (queries, pipelines) = (has(khr::ray_query::NAME), has(khr::ray_tracing_pipeline::NAME));
     let computes = families.first()?.queue_flags.contains(vk::QueueFlags::COMPUTE);
-    let builds = has(khr::acceleration_structure::NAME) && has(khr::deferred_host_operations::NAME);
+    let wanted = EXTENSIONS.into_iter().all(has);
     let rank = match kind {
         vk::PhysicalDeviceType::DISCRETE_GPU => 0,
         vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
         _ => 2,
     };
     let scratch_alignment = u64::from(structures.min_acceleration_structure_scratch_offset_alignment).max(1);
-    let fits = builds && (queries || pipelines) && computes && version >= vk::API_VERSION_1_2;
-    fits.then_some(Able { physical, rank, name, scratch_alignment, queries, pipelines })
+    let fits = wanted && computes && version >= vk::API_VERSION_1_2;
+    fits.then_some(Able { physical, rank, name, scratch_alignment })
 }
+
+const EXTENSIONS: [&CStr; 3] =
+    [khr::acceleration_structure::NAME, khr::deferred_host_operations::NAME, khr::ray_tracing_pipeline::NAME];
 
 fn logical(instance: &ash::Instance, able: &Able) -> Result<ash::Device, String> {
     let queues = [vk::DeviceQueueCreateInfo::default().queue_priorities(&[1.0])];
-    let mut names = vec![khr::acceleration_structure::NAME, khr::deferred_host_operations::NAME];
-    names.extend(able.queries.then_some(khr::ray_query::NAME));
-    names.extend(able.pipelines.then_some(khr::ray_tracing_pipeline::NAME));
-    let names: Vec<_> = names.into_iter().map(CStr::as_ptr).collect();
+    let names = EXTENSIONS.map(CStr::as_ptr);
     let mut addresses = vk::PhysicalDeviceBufferDeviceAddressFeatures::default().buffer_device_address(true);
     let mut structures =
         vk::PhysicalDeviceAccelerationStructureFeaturesKHR::default().acceleration_structure(true);
-    let mut queries = vk::PhysicalDeviceRayQueryFeaturesKHR::default().ray_query(true);
     let mut pipelines = vk::PhysicalDeviceRayTracingPipelineFeaturesKHR::default().ray_tracing_pipeline(true);
-    let mut create = vk::DeviceCreateInfo::default()
+    let create = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_extension_names(&names)
         .push_next(&mut addresses)
-        .push_next(&mut structures);
-    if able.queries {
-        create = create.push_next(&mut queries);
-    }
-    if able.pipelines {
-        create = create.push_next(&mut pipelines);
-    }
+        .push_next(&mut structures)
+        .push_next(&mut pipelines);
     // SAFETY: all pointers of the structures live until the call returns.
     unsafe { instance.create_device(able.physical, &create, None) }.map_err(failed("opens no device"))
 }

@@ -1,4 +1,4 @@
-//! Rays and answers in a device's memory, in the set that both ways read and write.
+//! Rays and answers in a device's memory, in the set that shaders read and write.
 #![allow(unsafe_code)]
 
 use ash::vk;
@@ -20,10 +20,9 @@ pub struct Rays<'a> {
     pub any: bool,
 }
 
-/// What shaders read and write: `rays.wgsl`.
+/// What shaders read and write: `pipeline.wgsl`.
 pub struct Job {
     pub layout: vk::PipelineLayout,
-    stages: vk::ShaderStageFlags,
     set: vk::DescriptorSet,
     loaded: Option<Loaded>,
 }
@@ -35,6 +34,7 @@ struct Loaded {
     any: bool,
 }
 
+const STAGE: vk::ShaderStageFlags = vk::ShaderStageFlags::RAYGEN_KHR;
 const KINDS: [vk::DescriptorType; 4] = [
     vk::DescriptorType::ACCELERATION_STRUCTURE_KHR,
     vk::DescriptorType::STORAGE_BUFFER,
@@ -45,10 +45,6 @@ const KINDS: [vk::DescriptorType; 4] = [
 impl Job {
     /// One without rays.
     pub fn new(device: &Device) -> Result<Job, String> {
-        let mut stages = vk::ShaderStageFlags::COMPUTE;
-        if device.able.pipelines {
-            stages |= vk::ShaderStageFlags::RAYGEN_KHR;
-        }
         let bindings: Vec<_> = (0..)
             .zip(KINDS)
             .map(|(binding, kind)| {
@@ -56,11 +52,11 @@ impl Job {
                     .binding(binding)
                     .descriptor_type(kind)
                     .descriptor_count(1)
-                    .stage_flags(stages)
+                    .stage_flags(STAGE)
             })
             .collect();
         let sizes = KINDS.map(|kind| vk::DescriptorPoolSize::default().ty(kind).descriptor_count(1));
-        let push = [vk::PushConstantRange::default().stage_flags(stages).size(32)];
+        let push = [vk::PushConstantRange::default().stage_flags(STAGE).size(32)];
         let device = &device.device;
         // SAFETY: every structure lives until its call returns, and handles are used with the device that made them.
         unsafe {
@@ -75,7 +71,7 @@ impl Job {
             let pool = device.create_descriptor_pool(&create, None).map_err(failed("makes no pool"))?;
             let allocate = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&sets);
             let set = device.allocate_descriptor_sets(&allocate).map_err(failed("makes no set"))?[0];
-            Ok(Job { layout, stages, set, loaded: None })
+            Ok(Job { layout, set, loaded: None })
         }
     }
 
@@ -130,13 +126,14 @@ impl Job {
     }
 
     /// Lets shaders that are launched next see the rays.
-    pub fn bind(&self, device: &ash::Device, commands: vk::CommandBuffer, point: vk::PipelineBindPoint) {
+    pub fn bind(&self, device: &ash::Device, commands: vk::CommandBuffer) {
+        let point = vk::PipelineBindPoint::RAY_TRACING_KHR;
         let Some(loaded) = &self.loaded else { return };
         // SAFETY: the set's buffers and the layout live as long as the process.
         unsafe {
             device.cmd_bind_descriptor_sets(commands, point, self.layout, 0, &[self.set], &[]);
             let bytes: &[u8] = cast_slice(&loaded.push);
-            device.cmd_push_constants(commands, self.layout, self.stages, 0, bytes);
+            device.cmd_push_constants(commands, self.layout, STAGE, 0, bytes);
         }
     }
 

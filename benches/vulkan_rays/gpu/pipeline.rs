@@ -67,7 +67,7 @@ impl Pipeline {
             unsafe {
                 let point = vk::PipelineBindPoint::RAY_TRACING_KHR;
                 device.cmd_bind_pipeline(commands, point, self.pipeline);
-                job.bind(device, commands, point);
+                job.bind(device, commands);
                 let send = if job.any() { any } else { closest };
                 self.functions.cmd_trace_rays(commands, send, missed, met, &none, job.count(), 1, 1);
             }

@@ -49,32 +49,23 @@ impl Stage {
     }
 }
 
-/// A module with the entry points of the ray queries.
-pub fn queries() -> Result<Vec<u32>, String> {
-    spirv(concat!(include_str!("queries.wgsl"), include_str!("rays.wgsl")), Capabilities::RAY_QUERY, None)
-}
-
 /// A module with one shader of the ray-tracing pipeline.
 pub fn stage(stage: Stage) -> Result<Vec<u32>, String> {
-    let text = concat!(include_str!("pipeline.wgsl"), include_str!("rays.wgsl"));
+    let text = include_str!("pipeline.wgsl");
     let entry_point = stage.name().to_string_lossy().into_owned();
     let one = spv::PipelineOptions { shader_stage: stage.shader(), entry_point };
-    spirv(text, Capabilities::RAY_TRACING_PIPELINE, Some(&one))
-}
-
-fn spirv(text: &str, needs: Capabilities, one: Option<&spv::PipelineOptions>) -> Result<Vec<u32>, String> {
     let module = naga::front::wgsl::parse_str(text).map_err(|error| error.emit_to_string(text))?;
-    let info = Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES | needs)
-        .validate(&module)
-        .map_err(|error| error.emit_to_string(text))?;
+    let info =
+        Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES | Capabilities::RAY_TRACING_PIPELINE)
+            .validate(&module)
+            .map_err(|error| error.emit_to_string(text))?;
     // Checks that other tracers do not make either are left out.
     let options = spv::Options {
         lang_version: (1, 4),
         flags: spv::WriterFlags::empty(),
         force_loop_bounding: false,
-        ray_query_initialization_tracking: false,
         trace_ray_argument_validation: false,
         ..spv::Options::default()
     };
-    spv::write_vec(&module, &info, &options, one).map_err(|error| error.to_string())
+    spv::write_vec(&module, &info, &options, Some(&one)).map_err(|error| error.to_string())
 }

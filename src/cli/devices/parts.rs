@@ -14,6 +14,7 @@ pub const VULKAN: &str = "asking Vulkan";
 pub const OPENCL: &str = "asking OpenCL's drivers for devices";
 pub const KERNELS: &str = "choosing kernels";
 pub const SHARING: &str = "sharing memory";
+pub const RAYS: &str = "choosing who traces rays";
 pub const SHARES: &str = "rendering small frames";
 pub const OPENXR: &str = "asking OpenXR";
 
@@ -33,7 +34,7 @@ impl Parts {
 
     /// Leaves out what was being done when a process ended; false where that is no help.
     pub fn lose(&mut self, failure: &Failure) -> bool {
-        let all = [VULKAN, OPENCL, KERNELS, SHARING, SHARES, OPENXR];
+        let all = [VULKAN, OPENCL, KERNELS, SHARING, RAYS, SHARES, OPENXR];
         // Trials and kernels tell stages of their own.
         let part = all.into_iter().find(|part| failure.stage == *part).unwrap_or(KERNELS);
         let new = self.lost.iter().all(|(lost, _)| lost != part);

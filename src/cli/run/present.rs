@@ -12,7 +12,7 @@ use super::stats::ViewSummary;
 use super::terminal::Terminal;
 use super::watchdog::{SILENCE, Watchdog};
 use super::{Mirror, keys, takes_insets};
-use crate::cli::machine::Machine;
+use crate::cli::machine::{Machine, vulkan_options};
 use crate::cli::{complain, output};
 use crate::config::{Config, Hand, HeadsetConfig, Method, Turn, Walk};
 use crate::error::Result;
@@ -218,7 +218,8 @@ impl Presentation<'_> {
     fn on_runtime(&self, runtime: Runtime, run: &mut Run) -> Outcome<()> {
         run.teller.watch.asks();
         let options = run.mirror.as_ref().map(|mirror| mirror.vulkan_options().clone());
-        let context = runtime.open_context(&options.unwrap_or_default())?;
+        let options = vulkan_options(self.config, options.unwrap_or_default());
+        let context = runtime.open_context(&options)?;
         run.teller.watch.works();
         let machine = Machine::presenting(context, &self.config.devices)?;
         let (mut renderer, _) = machine.renderer(self.loaded, self.config, Output::Display)?;

@@ -52,7 +52,7 @@ pub fn run(args: &Args) -> Result<()> {
     args.flags.lay(&mut layers)?;
     let config = layers.finish()?;
     let loaded = Loaded::moving_from_file(&args.scene, &config)?;
-    let machine = Machine::open(&config.devices)?;
+    let machine = Machine::open(&config)?;
     let traversals = config.trace.traversal.on(&machine.device).traversals;
     let mut device_buffers =
         SceneData::count(&loaded.scene, loaded.trees(), &loaded.environment, traversals)?;

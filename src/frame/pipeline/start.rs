@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use super::{Output, Renderer};
+use crate::bench::Choice;
 use crate::config::{Config, Method, Quality, TimeConfig, WeightsConfig};
 use crate::error::Result;
+use crate::frame::RaysBy;
 use crate::frame::load::{Loaded, Step, fitting_environment, timed};
 use crate::frame::meter::Meter;
 use crate::frame::scheduler::Scheduler;
@@ -15,7 +17,7 @@ use crate::reconstruct::{self, GuidedSettings, Mode, Reconstruction, Reuse, Weig
 use crate::scene::Features;
 use crate::scene::sky::day::Day;
 use crate::trace::pattern_maker::Patterns;
-use crate::trace::{self, DeformedBy, Fleet, MovingScene, MovingSky, SceneData};
+use crate::trace::{self, DeformedBy, Fleet, MovingScene, MovingSky, SceneData, Traversal};
 use crate::waiting::{self, Limits};
 
 impl Renderer {
@@ -48,7 +50,7 @@ impl Renderer {
         let probe = || Ok(devices.first().map_or(Sharing::Staged, |device| probe(device, context)));
         let (sharing, probe_step) = timed("sharing probe", probe)?;
         let (fleet, fleet_step) =
-            timed("kernels and upload", || fleet(devices, loaded, config, sharing == Sharing::ZeroCopy))?;
+            timed("kernels and upload", || fleet(devices, context, loaded, config, sharing))?;
         let direct = devices.first().filter(|_| sharing == Sharing::ZeroCopy).cloned();
         let scheduler = Scheduler::new(fleet, direct);
         let by = deformed_by(devices, config);
@@ -71,7 +73,7 @@ impl Renderer {
         sharing: Sharing,
     ) -> Result<(Self, Vec<Step>)> {
         let direct = Some(device.clone()).filter(|_| sharing == Sharing::ZeroCopy);
-        let fleet = fleet(std::slice::from_ref(device), loaded, config, direct.is_some())?;
+        let fleet = fleet(std::slice::from_ref(device), context, loaded, config, sharing)?;
         let (scheduler, by) =
             (Scheduler::new(fleet, direct), deformed_by(std::slice::from_ref(device), config));
         let made = Self::assemble(scheduler, context, loaded, config, output, by, Some(device.clone()))?;
@@ -157,8 +159,19 @@ fn probe(device: &Device, context: &Context) -> Sharing {
     asked.unwrap_or(Sharing::Staged)
 }
 
-/// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it.
-fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> Result<Fleet> {
+/// Opens devices with a scene, each with the variants of the kernels that settings or a measurement choose for it, and the
+/// first with rays by ray queries where they choose that.
+fn fleet(
+    devices: &[Device],
+    context: &Context,
+    loaded: &Loaded,
+    config: &Config,
+    sharing: Sharing,
+) -> Result<Fleet> {
+    let direct = sharing == Sharing::ZeroCopy;
+    let by = devices.first().map(|device| RaysBy::of(config, device, context, direct));
+    let (in_hardware, note) = by.map_or(Ok((false, None)), |by| by.for_scene(loaded))?;
+    let rays = in_hardware.then_some(context);
     let environment = fitting_environment(&loaded.environment, devices);
     let mut data = SceneData::pack(&loaded.scene, loaded.trees(), &environment)?;
     data.depth = loaded.depth();
@@ -169,15 +182,22 @@ fn fleet(devices: &[Device], loaded: &Loaded, config: &Config, direct: bool) -> 
         data.expect_deformation(&loaded.scene, parted);
     }
     let data = Arc::new(data);
-    let walking = |device: &Device| {
-        let choice = config.trace.traversal.on(device);
+    let walking = |(index, device): (usize, &Device)| {
+        let choice = match rays {
+            // Rays in memory are those of this variant.
+            Some(_) if index == 0 => Choice::forced(Traversal::SingleRay),
+            _ => config.trace.traversal.on(device),
+        };
         // What does not fit says so when it is opened; no kernel is to blame.
         let fits = data.check_fit(device, choice.traversals).is_ok();
         let traversals =
             if fits { choice.for_frames(device, &data.features, data.depth) } else { Ok(choice.traversals) };
         (device.clone(), traversals)
     };
-    Fleet::of_tried(&devices.iter().map(walking).collect::<Vec<_>>(), &data, direct)
+    let tried: Vec<_> = devices.iter().enumerate().map(walking).collect();
+    let mut fleet = Fleet::of_tried(&tried, &data, direct, rays)?;
+    note.into_iter().for_each(|note| fleet.note(note));
+    Ok(fleet)
 }
 
 pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {

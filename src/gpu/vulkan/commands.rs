@@ -2,6 +2,7 @@
 #![allow(unsafe_code)]
 
 mod pictures;
+mod rays;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -9,6 +10,7 @@ use std::time::Instant;
 
 use ash::vk;
 
+use super::acceleration::TopLevel;
 use super::context::Context;
 use super::image::Target;
 use super::memory::BufferRef;
@@ -94,10 +96,13 @@ impl Commands {
         };
         let refused = |code| context.refused("a command buffer", code);
         let pool = vk::CommandPoolCreateInfo::default().queue_family_index(context.0.queue_family);
-        let sizes = [vk::DescriptorPoolSize::default()
-            .ty(vk::DescriptorType::STORAGE_BUFFER)
-            .descriptor_count(BINDINGS)];
-        let descriptors = vk::DescriptorPoolCreateInfo::default().max_sets(SETS).pool_sizes(&sizes);
+        let size = |kind, count| vk::DescriptorPoolSize::default().ty(kind).descriptor_count(count);
+        let sizes = [
+            size(vk::DescriptorType::STORAGE_BUFFER, BINDINGS),
+            size(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR, SETS),
+        ];
+        let kinds = if context.traces_rays() { &sizes[..] } else { &sizes[..1] };
+        let descriptors = vk::DescriptorPoolCreateInfo::default().max_sets(SETS).pool_sizes(kinds);
         let queries = vk::QueryPoolCreateInfo::default()
             .query_type(vk::QueryType::TIMESTAMP)
             .query_count(TIMESTAMPS + 1);
@@ -219,7 +224,7 @@ impl Commands {
         groups: [u32; 3],
     ) -> Result<()> {
         let point = vk::PipelineBindPoint::COMPUTE;
-        self.bind(&pipeline.0, point, buffers, push)?;
+        self.bind(&pipeline.0, point, buffers, None, push)?;
         // SAFETY: pipeline, bindings and push constants are in place.
         unsafe {
             self.context.0.device.cmd_dispatch(self.buffer, groups[0], groups[1], groups[2]);
@@ -243,7 +248,7 @@ impl Commands {
         let fits = right.is_some_and(|right| right <= target.width())
             && lower.is_some_and(|lower| lower <= target.height());
         assert!(fits && rect.width > 0 && rect.height > 0, "{rect:?} does not lie in the target");
-        self.bind(&pipeline.0, vk::PipelineBindPoint::GRAPHICS, buffers, push)?;
+        self.bind(&pipeline.0, vk::PipelineBindPoint::GRAPHICS, buffers, None, push)?;
         let device = &self.context.0.device;
         let info = vk::RenderPassBeginInfo::default()
             .render_pass(pipeline.0.pass)
@@ -275,6 +280,7 @@ impl Commands {
         pipeline: &Arc<Pipeline>,
         point: vk::PipelineBindPoint,
         buffers: &[Option<&BufferRef>],
+        structure: Option<&TopLevel>,
         push: &[u8],
     ) -> Result<()> {
         let layout = &pipeline.layout;
@@ -296,6 +302,17 @@ impl Commands {
                     .range(buffer.size)]
             })
             .collect();
+        let handles: Vec<_> = structure.iter().map(|structure| structure.0.handle).collect();
+        let mut handles =
+            vk::WriteDescriptorSetAccelerationStructureKHR::default().acceleration_structures(&handles);
+        let of_structure = structure.map(|_| {
+            vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .dst_binding(layout.buffers)
+                .descriptor_type(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
+                .descriptor_count(1)
+                .push_next(&mut handles)
+        });
         let writes: Vec<_> = bound()
             .zip(&infos)
             .map(|((binding, _), info)| {
@@ -305,6 +322,7 @@ impl Commands {
                     .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
                     .buffer_info(info)
             })
+            .chain(of_structure)
             .collect();
         // SAFETY: the set is new; buffers are held until the commands are done; the push constants
         // are exactly the layout's range.
@@ -317,6 +335,9 @@ impl Commands {
         let buffers: Vec<_> = buffers.iter().copied().flatten().collect();
         self.hold_buffers(&buffers);
         self.held.push(pipeline.clone());
+        if let Some(structure) = structure {
+            self.held.push(structure.0.clone());
+        }
         Ok(())
     }
 

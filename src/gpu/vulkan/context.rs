@@ -4,6 +4,7 @@
 mod messenger;
 mod opening;
 mod physical;
+mod ray_queries;
 
 use std::ffi::{CStr, CString};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -15,6 +16,8 @@ use messenger::Messenger;
 use opening::{create_instance, load, no_device, open, require_validation_layer};
 pub use physical::{DeviceKind, DeviceReport, devices, queue_family, sharing_extensions};
 use physical::{report, select};
+pub(super) use ray_queries::RayFunctions;
+pub use ray_queries::RayQueryFeatures;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -29,6 +32,8 @@ pub struct ContextOptions {
     pub instance_extensions: Vec<CString>,
     /// Device extensions to require, for a swapchain.
     pub device_extensions: Vec<CString>,
+    /// Switch ray queries on, where the device has them: see [`Context::traces_rays`].
+    pub ray_queries: bool,
 }
 
 /// Handles made elsewhere, as XR_KHR_vulkan_enable2 does.
@@ -45,6 +50,8 @@ pub struct RawContext {
     pub queue_family: u32,
     /// Whether the context destroys device and instance at its end.
     pub owned: bool,
+    /// Whether the device was made with [`RayQueryFeatures`].
+    pub ray_queries: bool,
 }
 
 /// A device with one queue. Clones share it; it ends with the last thing made from it.
@@ -64,6 +71,8 @@ pub(super) struct Inner {
     pub limits: vk::PhysicalDeviceLimits,
     pub timestamps: bool,
     pub report: DeviceReport,
+    /// Exists where ray queries are switched on.
+    pub rays: Option<RayFunctions>,
     messenger: Option<Messenger>,
     owned: bool,
 }
@@ -95,8 +104,17 @@ impl Context {
             Ok((messenger, select(&instance, options).and_then(|found| open(&instance, found, options))?))
         });
         match opened {
-            Ok((messenger, (physical_device, device, queue_family))) => {
-                let raw = RawContext { entry, instance, physical_device, device, queue_family, owned: true };
+            Ok((messenger, opened)) => {
+                let opening::Opened { physical_device, device, queue_family, ray_queries } = opened;
+                let raw = RawContext {
+                    entry,
+                    instance,
+                    physical_device,
+                    device,
+                    queue_family,
+                    owned: true,
+                    ray_queries,
+                };
                 Ok(Self::assemble(raw, messenger))
             }
             Err(error) => {
@@ -118,7 +136,7 @@ impl Context {
     }
 
     fn assemble(raw: RawContext, messenger: Option<Messenger>) -> Self {
-        let RawContext { entry, instance, physical_device, device, queue_family, owned } = raw;
+        let RawContext { entry, instance, physical_device, device, queue_family, owned, ray_queries } = raw;
         // SAFETY: the handles are valid and belong together, by the callers' contract.
         let (queue, memory, limits, families) = unsafe {
             (
@@ -130,6 +148,7 @@ impl Context {
         };
         let timestamps = families[queue_family as usize].timestamp_valid_bits >= 32;
         let report = report(&instance, physical_device, &[]);
+        let rays = ray_queries.then(|| RayFunctions::load(&instance, physical_device, &device));
         Context(Arc::new(Inner {
             entry,
             instance,
@@ -141,6 +160,7 @@ impl Context {
             limits,
             timestamps,
             report,
+            rays,
             messenger,
             owned,
         }))
@@ -149,6 +169,11 @@ impl Context {
     /// The device.
     pub fn report(&self) -> &DeviceReport {
         &self.0.report
+    }
+
+    /// Whether compute shaders can trace rays through acceleration structures.
+    pub fn traces_rays(&self) -> bool {
+        self.0.rays.is_some()
     }
 
     /// What the validation layer has said so far; empty without [`ContextOptions::validation`].

@@ -51,6 +51,8 @@ const STORAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
         | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
 );
 
+const ADDRESS: vk::BufferUsageFlags = vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
+
 /// Who reaches an allocation beside the device.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Reach {
@@ -64,11 +66,27 @@ enum Reach {
 impl Allocation {
     /// `wishes` are sets of memory properties, best first; the last is required.
     fn new(context: &Context, size: u64, wishes: &[vk::MemoryPropertyFlags], reach: Reach) -> Result<Self> {
+        Self::used_as(context, size, STORAGE, wishes, reach)
+    }
+
+    /// Memory of the device that has an address there, where ray queries are switched on.
+    pub fn addressed(context: &Context, size: u64, usage: vk::BufferUsageFlags) -> Result<Self> {
+        let wishes = [vk::MemoryPropertyFlags::DEVICE_LOCAL, vk::MemoryPropertyFlags::empty()];
+        Self::used_as(context, size, usage | ADDRESS, &wishes, Reach::Device)
+    }
+
+    fn used_as(
+        context: &Context,
+        size: u64,
+        usage: vk::BufferUsageFlags,
+        wishes: &[vk::MemoryPropertyFlags],
+        reach: Reach,
+    ) -> Result<Self> {
         let device = &context.0.device;
         let size = size.max(16).next_multiple_of(16);
         let exported = reach == Reach::Exported;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(VULKAN_TYPE);
-        let mut info = vk::BufferCreateInfo::default().size(size).usage(STORAGE);
+        let mut info = vk::BufferCreateInfo::default().size(size).usage(usage);
         if exported {
             info = info.push_next(&mut external);
         }
@@ -79,7 +97,8 @@ impl Allocation {
         let needs = unsafe { device.get_buffer_memory_requirements(buffer) };
         // Room to begin at the next page.
         let room = needs.size + if reach == Reach::Host { HOST_ALIGNMENT as u64 } else { 0 };
-        let allocated = allocate_for(context, room, needs.memory_type_bits, wishes, exported);
+        let reached = Reached { exported, addressed: usage.contains(ADDRESS) };
+        let allocated = allocate_for(context, room, needs.memory_type_bits, wishes, reached);
         let (memory, kind) = match allocated {
             Ok(allocated) => allocated,
             Err(error) => {
@@ -147,7 +166,16 @@ pub(super) fn allocate(
     types: u32,
     wishes: &[vk::MemoryPropertyFlags],
 ) -> Result<(vk::DeviceMemory, u32)> {
-    allocate_for(context, size, types, wishes, false)
+    allocate_for(context, size, types, wishes, Reached::default())
+}
+
+/// How memory is reached beside by the device's commands.
+#[derive(Clone, Copy, Default)]
+struct Reached {
+    /// By other APIs.
+    exported: bool,
+    /// By shaders and builds, by its address.
+    addressed: bool,
 }
 
 fn allocate_for(
@@ -155,7 +183,7 @@ fn allocate_for(
     size: u64,
     types: u32,
     wishes: &[vk::MemoryPropertyFlags],
-    exported: bool,
+    reached: Reached,
 ) -> Result<(vk::DeviceMemory, u32)> {
     let memory = &context.0.memory;
     let kinds = &memory.memory_types[..memory.memory_type_count as usize];
@@ -166,8 +194,12 @@ fn allocate_for(
     for kind in wishes.iter().filter_map(find) {
         let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(VULKAN_TYPE);
         let mut info = vk::MemoryAllocateInfo::default().allocation_size(size).memory_type_index(kind as u32);
-        if exported {
+        let mut flags = vk::MemoryAllocateFlagsInfo::default().flags(vk::MemoryAllocateFlags::DEVICE_ADDRESS);
+        if reached.exported {
             info = info.push_next(&mut export);
+        }
+        if reached.addressed {
+            info = info.push_next(&mut flags);
         }
         // SAFETY: the type is one of the device's.
         match unsafe { context.0.device.allocate_memory(&info, None) } {
@@ -202,6 +234,14 @@ impl HostBuffer {
         // SAFETY: the mapping holds `size` bytes, and no one else has it yet.
         unsafe { buffer.as_ptr().write_bytes(0, buffer.len()) };
         Ok(buffer)
+    }
+
+    /// A buffer of at least `size` bytes that acceleration structures are built from.
+    pub(super) fn build_input(context: &Context, size: usize) -> Result<Self> {
+        let base = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+        let usage = vk::BufferUsageFlags::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR | ADDRESS;
+        let allocation = Allocation::used_as(context, size as u64, usage, &[base], Reach::Host)?;
+        Ok(HostBuffer(Arc::new(allocation)))
     }
 
     /// A buffer that other APIs can use too, on the device's own memory where the host reaches that, and a

@@ -2,9 +2,10 @@
 //!
 //! [`Context`] is a device and its queue. [`HostBuffer`], [`DeviceBuffer`] and [`Image`] are memory on
 //! it, [`ComputePipeline`] and [`PassPipeline`] are shaders, and [`Commands`] records and submits
-//! their use. Everything keeps alive what it needs, and commands keep what they use until it is
+//! their use. Where a device has ray queries and they are asked for, [`TopLevel`] is a scene for a [`RayPipeline`] to trace. Everything keeps alive what it needs, and commands keep what they use until it is
 //! done, so no order of drops is wrong.
 
+mod acceleration;
 mod commands;
 mod context;
 mod fence;
@@ -14,14 +15,16 @@ mod pipeline;
 #[cfg(feature = "window")]
 mod swapchain;
 
+pub use acceleration::{BottomLevel, Placement, TopLevel, Triangles};
 pub use ash::vk::Format;
 pub use commands::{Commands, Rect, StageTime};
 pub use context::{
-    Context, ContextOptions, DeviceKind, DeviceReport, RawContext, devices, queue_family, sharing_extensions,
+    Context, ContextOptions, DeviceKind, DeviceReport, RawContext, RayQueryFeatures, devices, queue_family,
+    sharing_extensions,
 };
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
-pub use pipeline::{Attachments, ComputePipeline, PassPipeline, Shader};
+pub use pipeline::{Attachments, ComputePipeline, PassPipeline, RayPipeline, Shader};
 #[cfg(feature = "window")]
 pub use swapchain::{Presenting, Shown, Swapchain, Window, window_extensions};
 

@@ -34,13 +34,24 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    fn new(context: &Context, shader: &Shader, stages: vk::ShaderStageFlags) -> Result<Self> {
+    /// `structure`: an acceleration structure is bound behind the buffers.
+    fn new(
+        context: &Context,
+        shader: &Shader,
+        stages: vk::ShaderStageFlags,
+        structure: bool,
+    ) -> Result<Self> {
         let device = &context.0.device;
+        let of_buffer = |binding| (binding, vk::DescriptorType::STORAGE_BUFFER);
+        let of_structure =
+            structure.then_some((shader.buffers, vk::DescriptorType::ACCELERATION_STRUCTURE_KHR));
         let bindings: Vec<_> = (0..shader.buffers)
-            .map(|binding| {
+            .map(of_buffer)
+            .chain(of_structure)
+            .map(|(binding, kind)| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(binding)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .descriptor_type(kind)
                     .descriptor_count(1)
                     .stage_flags(stages)
             })
@@ -138,15 +149,36 @@ fn build_failed(context: &Context, shader: &Shader, entry: &str, code: vk::Resul
 #[derive(Clone)]
 pub struct ComputePipeline(pub(super) Arc<Pipeline>);
 
+/// A compute entry point that traces rays through an acceleration structure, at the binding behind its buffers.
+#[derive(Clone)]
+pub struct RayPipeline(pub(super) Arc<Pipeline>);
+
 impl ComputePipeline {
     /// Builds an entry point.
     ///
     /// # Errors
     /// [`Error::Kernel`] if the driver cannot compile it.
     pub fn new(context: &Context, shader: &Shader, entry: &str) -> Result<Self> {
+        Pipeline::compute(context, shader, entry, false).map(ComputePipeline)
+    }
+}
+
+impl RayPipeline {
+    /// Builds an entry point for a context that traces rays.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`] if the driver cannot compile it.
+    pub fn new(context: &Context, shader: &Shader, entry: &str) -> Result<Self> {
+        assert!(context.traces_rays(), "{} has no ray queries switched on", context.report().name);
+        Pipeline::compute(context, shader, entry, true).map(RayPipeline)
+    }
+}
+
+impl Pipeline {
+    fn compute(context: &Context, shader: &Shader, entry: &str, structure: bool) -> Result<Arc<Self>> {
         let mut pipeline = Pipeline {
             handle: vk::Pipeline::null(),
-            layout: Layout::new(context, shader, vk::ShaderStageFlags::COMPUTE)?,
+            layout: Layout::new(context, shader, vk::ShaderStageFlags::COMPUTE, structure)?,
             pass: vk::RenderPass::null(),
         };
         let module = Module::new(context, shader)?;
@@ -160,7 +192,7 @@ impl ComputePipeline {
         let made =
             unsafe { context.0.device.create_compute_pipelines(vk::PipelineCache::null(), &info, None) };
         pipeline.handle = made.map_err(|(_, code)| build_failed(context, shader, entry, code))?[0];
-        Ok(ComputePipeline(Arc::new(pipeline)))
+        Ok(Arc::new(pipeline))
     }
 }
 
@@ -205,7 +237,7 @@ impl PassPipeline {
         let stages = vk::ShaderStageFlags::FRAGMENT;
         let mut pipeline = Pipeline {
             handle: vk::Pipeline::null(),
-            layout: Layout::new(context, shader, stages)?,
+            layout: Layout::new(context, shader, stages, false)?,
             pass: render_pass(context, attachments)?,
         };
         let module = Module::new(context, shader)?;

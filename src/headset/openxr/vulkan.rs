@@ -8,7 +8,9 @@ use openxr as xr;
 
 use super::fault::{Called, Fault, Outcome};
 use crate::error::Error;
-use crate::gpu::vulkan::{Context, ContextOptions, RawContext, queue_family, sharing_extensions};
+use crate::gpu::vulkan::{
+    Context, ContextOptions, RawContext, RayQueryFeatures, queue_family, sharing_extensions,
+};
 
 /// Makes instance and device as the runtime wants them, with the extensions that windows need.
 pub fn open(instance: &xr::Instance, system: xr::SystemId, options: &ContextOptions) -> Outcome<Context> {
@@ -31,10 +33,17 @@ pub fn open(instance: &xr::Instance, system: xr::SystemId, options: &ContextOpti
     let raw_instance = create_instance(&entry, instance, (system, least), &options.instance_extensions)?;
     // SAFETY: the handle is a valid instance made with this loader.
     let vulkan = unsafe { ash::Instance::load(entry.static_fn(), raw_instance) };
-    match create_device(&entry, &vulkan, (instance, system), &options.device_extensions) {
-        Ok((physical_device, device, queue_family)) => {
-            let raw =
-                RawContext { entry, instance: vulkan, physical_device, device, queue_family, owned: true };
+    match create_device(&entry, &vulkan, (instance, system), options) {
+        Ok((physical_device, device, queue_family, ray_queries)) => {
+            let raw = RawContext {
+                entry,
+                instance: vulkan,
+                physical_device,
+                device,
+                queue_family,
+                owned: true,
+                ray_queries,
+            };
             // SAFETY: the handles are valid, belong together, and are nobody else's to destroy; the
             // runtime uses the queue inside its calls only, which are made while no one submits.
             Ok(unsafe { Context::from_raw(raw) })
@@ -91,8 +100,8 @@ fn create_device(
     entry: &ash::Entry,
     vulkan: &ash::Instance,
     (instance, system): (&xr::Instance, xr::SystemId),
-    extensions: &[CString],
-) -> Outcome<(vk::PhysicalDevice, ash::Device, u32)> {
+    options: &ContextOptions,
+) -> Outcome<(vk::PhysicalDevice, ash::Device, u32, bool)> {
     // SAFETY: the instance was made by xrCreateVulkanInstanceKHR.
     let physical = unsafe { instance.vulkan_graphics_device(system, vulkan.handle().as_raw() as _) }
         .called("xrGetVulkanGraphicsDevice2KHR")?;
@@ -103,12 +112,18 @@ fn create_device(
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
     // SAFETY: the device belongs to the instance.
     let offered = unsafe { vulkan.enumerate_device_extension_properties(physical) }.unwrap_or_default();
-    require(extensions, &offered)?;
+    require(&options.device_extensions, &offered)?;
+    let ray_queries = options.ray_queries && RayQueryFeatures::lacking(vulkan, physical).is_none();
+    let mut features = RayQueryFeatures::default();
+    let of_rays = RayQueryFeatures::extensions().iter().filter(|_| ray_queries);
     let sharing = sharing_extensions(vulkan, physical);
-    let extensions: Vec<_> =
-        extensions.iter().map(|name| name.as_ptr()).chain(sharing.iter().map(|name| name.as_ptr())).collect();
-    let info =
+    let own = options.device_extensions.iter().map(|name| name.as_ptr());
+    let extensions: Vec<_> = own.chain(sharing.iter().chain(of_rays).map(|name| name.as_ptr())).collect();
+    let mut info =
         vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
+    if ray_queries {
+        info = features.require(info);
+    }
     // SAFETY: as for the instance; the extensions are offered by the device.
     let made = unsafe {
         let get = std::mem::transmute::<
@@ -120,7 +135,7 @@ fn create_device(
     let handle = made.called("xrCreateVulkanDeviceKHR")?.map_err(|code| refused("device", code))?;
     // SAFETY: the handle is a valid device of this instance.
     let device = unsafe { ash::Device::load(vulkan.fp_v1_0(), vk::Device::from_raw(handle as _)) };
-    Ok((physical, device, family))
+    Ok((physical, device, family, ray_queries))
 }
 
 /// Whether windows can be shown with what is offered.

@@ -4,11 +4,35 @@ use super::Traced;
 use crate::error::Result;
 use crate::gpu::opencl::{Event, Transfer};
 
-/// Work under way: events whose times are read when it is done.
+/// A step of work, and how long it takes.
+#[derive(Debug)]
+pub(in crate::trace) enum Step {
+    /// A kernel's, known when it is done.
+    Kernel(Event),
+    /// What was done elsewhere, in milliseconds.
+    Elsewhere(f64),
+}
+
+impl From<Event> for Step {
+    fn from(event: Event) -> Step {
+        Step::Kernel(event)
+    }
+}
+
+impl Step {
+    fn ms(&self) -> f64 {
+        match self {
+            Step::Kernel(event) => event.device_ms(),
+            Step::Elsewhere(ms) => *ms,
+        }
+    }
+}
+
+/// Work under way: steps whose times are read when it is done.
 #[derive(Debug)]
 pub struct InFlight {
     /// Each part's camera rays and visibility, and its shading.
-    pub(super) parts: Vec<(Vec<Event>, Vec<Event>)>,
+    pub(super) parts: Vec<(Vec<Step>, Vec<Step>)>,
     pub(super) camera_rays: u64,
     /// Light rays, and samples that were dropped: the last that the queue does for it.
     pub(super) counters: Transfer<Vec<u32>>,
@@ -28,8 +52,8 @@ impl InFlight {
     /// Waits, and tells what was done.
     pub(super) fn finish(self) -> Result<Traced> {
         let counters = self.counters.into_memory()?;
-        let of_events = |events: &[Event]| events.iter().map(Event::device_ms).sum();
-        let times = |(trace, shade): &(Vec<Event>, Vec<Event>)| [of_events(trace), of_events(shade)];
+        let of_steps = |steps: &[Step]| steps.iter().map(Step::ms).sum();
+        let times = |(trace, shade): &(Vec<Step>, Vec<Step>)| [of_steps(trace), of_steps(shade)];
         let parts_ms: Vec<[f64; 2]> = self.parts.iter().map(times).collect();
         Ok(Traced {
             rays: self.camera_rays + u64::from(counters[0]),

@@ -1,8 +1,9 @@
 //! What a frame launches on a device: the kernels of pixels, of edges and of samples, each with its arguments.
 
+use super::hardware::Tiles;
 use super::pattern::BLOCKS_PER_TILE;
 use super::shading::Work;
-use super::{TracePattern, Tracer};
+use super::{Hardware, Step, TracePattern, Tracer};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::gpu::opencl::{Buffer, Event};
@@ -16,6 +17,7 @@ impl Tracer {
     #[allow(clippy::too_many_arguments)]
     pub(super) fn trace_tiles(
         &self,
+        mut hardware: Option<&mut Hardware>,
         camera: &layout::Camera,
         shading: &layout::Shading,
         edge_rays: u32,
@@ -23,7 +25,7 @@ impl Tracer {
         parts: &[Part],
         (ring, blocks): (u32, u32),
         records: &Buffer<VisibilityRecord>,
-    ) -> Result<(Vec<Vec<Event>>, u64)> {
+    ) -> Result<(Vec<Vec<Step>>, u64)> {
         let starts = parts.iter().enumerate().map(|(index, part)| match index {
             0 => part.first_traced,
             _ => part.tiles.start,
@@ -32,17 +34,29 @@ impl Tracer {
         for (part, first) in parts.iter().zip(starts) {
             let count = part.tiles.end - first;
             traced += count * TILE_PIXELS;
-            events.push(self.describe(camera, shading, edge_rays, &pattern.tiles, first, count, records)?);
+            let by = hardware.as_deref_mut();
+            events.push(self.describe(
+                by,
+                camera,
+                shading,
+                edge_rays,
+                &pattern.tiles,
+                first,
+                count,
+                records,
+            )?);
         }
         if edge_rays > 0 {
             if ring > 0 {
                 traced += blocks * TILE_PIXELS / BLOCKS_PER_TILE as u32;
-                events[0].extend(self.describe(camera, shading, edge_rays, &self.ring, 0, ring, records)?);
+                let around =
+                    self.describe(hardware, camera, shading, edge_rays, &self.ring, 0, ring, records)?;
+                events[0].extend(around);
             }
             for (part, events) in parts.iter().zip(&mut events) {
-                events.push(self.share_edges(camera, edge_rays, pattern, part, records)?);
+                events.push(self.share_edges(camera, edge_rays, pattern, part, records)?.into());
                 if self.may_blend {
-                    events.push(self.share_blends(camera, pattern, part, records)?);
+                    events.push(self.share_blends(camera, pattern, part, records)?.into());
                 }
             }
         }
@@ -55,6 +69,7 @@ impl Tracer {
     #[allow(clippy::too_many_arguments)]
     fn describe(
         &self,
+        mut hardware: Option<&mut Hardware>,
         camera: &layout::Camera,
         shading: &layout::Shading,
         edge_rays: u32,
@@ -62,7 +77,7 @@ impl Tracer {
         first: u32,
         count: u32,
         records: &Buffer<VisibilityRecord>,
-    ) -> Result<Vec<Event>> {
+    ) -> Result<Vec<Step>> {
         let traversal = self.traversals.pixels;
         let scene = SceneOf(Some(&self.scene), traversal);
         let items = traversal.items_of_blocks(count as usize * BLOCKS_PER_TILE);
@@ -70,22 +85,35 @@ impl Tracer {
         let blends = self.may_blend && edge_rays > 0;
         let seed = if blends { MEET_BLENDS } else { camera.seed };
         let hits = &self.hits;
-        let mut events = vec![self.trace_pixels.launch(grid, scene, camera, list, first, count, hits, seed)?];
+        let tiles = Tiles { list, first, count };
+        let mut events = match hardware.as_deref_mut() {
+            Some(by) => by.trace_pixels(&self.device, scene, camera, tiles, hits, seed)?,
+            None => {
+                vec![self.trace_pixels.launch(grid, scene, camera, list, first, count, hits, seed)?.into()]
+            }
+        };
         if blends {
             let layers = &self.blends;
-            events.push(self.settle_blends.launch(grid, scene, camera, list, first, count, hits, layers)?);
+            let settled = self.settle_blends.launch(grid, scene, camera, list, first, count, hits, layers)?;
+            events.push(settled.into());
         }
         let counters = &self.counters;
         macro_rules! launch {
             ($kernel:expr) => {
                 events.push(
                     $kernel
-                        .launch(grid, scene, camera, shading, list, first, count, hits, records, counters)?,
+                        .launch(grid, scene, camera, shading, list, first, count, hits, records, counters)?
+                        .into(),
                 )
             };
         }
-        if let Some(trace_sun) = &self.trace_sun {
-            launch!(trace_sun);
+        match (&self.trace_sun, hardware) {
+            (Some(_), Some(by)) => {
+                let view = (camera, shading);
+                events.extend(by.trace_sun(&self.device, scene, view, tiles, hits, (records, counters))?);
+            }
+            (Some(trace_sun), None) => launch!(trace_sun),
+            (None, _) => {}
         }
         launch!(self.describe_pixels);
         if let Some(shade_mirrors) = &self.shade_mirrors {
@@ -137,27 +165,37 @@ impl Tracer {
 
     pub(super) fn trace_only_samples(
         &self,
+        hardware: Option<&mut Hardware>,
         camera: &layout::Camera,
         pattern: &TracePattern,
         part: &Part,
-    ) -> Result<Event> {
+    ) -> Result<Vec<Step>> {
         let traversal = self.traversals.pixels;
         let items = traversal.items_of_samples(part.samples.len(), &self.device);
         let grid = Grid { items, group: traversal.group() };
         let (first, count) = (part.samples.start, part.samples.len() as u32);
         let scene = SceneOf(Some(&self.scene), traversal);
-        self.trace_samples.launch(grid, scene, camera, &pattern.samples, first, count, &self.hits)
+        let (samples, hits) = (&pattern.samples, &self.hits);
+        match hardware {
+            Some(by) => by.trace_samples(&self.device, scene, camera, samples, (first, count), hits),
+            None => {
+                let traced = self.trace_samples.launch(grid, scene, camera, samples, first, count, hits)?;
+                Ok(vec![traced.into()])
+            }
+        }
     }
 
+    #[allow(clippy::too_many_arguments)]
     pub(super) fn shade(
         &mut self,
+        hardware: Option<&mut Hardware>,
         camera: &layout::Camera,
         shading: &layout::Shading,
         pattern: &TracePattern,
         part: &Part,
         visibility: Option<&Buffer<VisibilityRecord>>,
         records: &Buffer<SampleRecord>,
-    ) -> Result<Vec<Event>> {
+    ) -> Result<Vec<Step>> {
         let work = Work {
             scene: SceneOf(Some(&self.scene), self.traversals.bundles),
             camera,
@@ -172,6 +210,6 @@ impl Tracer {
             counters: &self.counters,
             glass: self.may_be_glass,
         };
-        self.sample_shading.enqueue(&self.device, &work)
+        self.sample_shading.enqueue(&self.device, &work, hardware)
     }
 }

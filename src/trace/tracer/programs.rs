@@ -15,6 +15,8 @@ pub(in crate::trace) struct Programs {
     pub(super) pixels: Program,
     /// Exists where it is another variant.
     pub(super) bundles: Option<Program>,
+    /// Rays are traced elsewhere: by [`super::Hardware`].
+    pub(super) hardware: bool,
 }
 
 impl Programs {
@@ -25,6 +27,23 @@ impl Programs {
         traversals: Traversals,
     ) -> Result<Programs> {
         Self::build_text(device, &source::text(), features, depth, traversals)
+    }
+
+    /// Builds kernels whose rays are traced elsewhere, which are those for GPUs.
+    pub(in crate::trace) fn for_hardware_rays(
+        device: &Device,
+        features: &Features,
+        depth: u32,
+    ) -> Result<Programs> {
+        let options = source::options(device.info(), features, depth, Traversal::SingleRay);
+        let options = source::options_for_hardware_rays(&options);
+        Ok(Programs {
+            traversals: Traversal::SingleRay.into(),
+            features: *features,
+            pixels: Program::build(device, "foveate", &source::text(), &options)?,
+            bundles: None,
+            hardware: true,
+        })
     }
 
     /// Builds kernels from a text that may be another one than [`source::text`].
@@ -39,7 +58,13 @@ impl Programs {
         let build = |traversal| Program::build(device, "foveate", text, &options(traversal));
         let bundles =
             (traversals.bundles != traversals.pixels).then(|| build(traversals.bundles)).transpose()?;
-        Ok(Programs { traversals, features: *features, pixels: build(traversals.pixels)?, bundles })
+        Ok(Programs {
+            traversals,
+            features: *features,
+            pixels: build(traversals.pixels)?,
+            bundles,
+            hardware: false,
+        })
     }
 
     /// Bytes that the kernels need beside the scene: for stacks, which drivers set aside, and for light rays under way.
@@ -79,7 +104,7 @@ pub fn try_kernels(device: &Device, features: &Features, depth: u32, traversals:
     isolated::stage("building the kernels of frames");
     let programs = Programs::build(device, features, depth, traversals)?;
     isolated::stage("tracing the self-test");
-    self_test::run(device, &programs)
+    self_test::run(device, &programs, None)
 }
 
 /// Bytes that a driver sets aside for the stacks of all work-items that may run at once.

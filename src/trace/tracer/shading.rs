@@ -1,9 +1,11 @@
 //! Shading of samples: one kernel where rays travel in packets, and for GPUs several that hand light rays on in memory.
 
+use super::{Hardware, Step};
 use crate::error::Result;
-use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event, Program};
+use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Program};
 use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
 use crate::trace::Traversal;
+use crate::trace::hardware::{GROUP, RAY_WORDS};
 use crate::trace::kernels::{
     BeginSamples, EndSamples, GenerateLightRays, Grid, IntersectLightRays, ResolveLight, SceneOf, ShadeGlass,
     ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
@@ -12,9 +14,7 @@ use crate::trace::light_cache::LookedUp;
 use crate::trace::source::{STATE_BYTES, SURFACE_BYTES};
 
 /// Light rays of a sample that are under way together.
-const BATCH: usize = 32;
-/// Words of memory of a light ray under way: planes in `kernels/gpu/shade.cl`.
-const RAY_WORDS: usize = 15;
+const BATCH: usize = GROUP;
 /// Work-items that a unit of a graphics card can have resident at most: NVIDIA's limit from compute capability 7.0 on, but for
 /// 7.5 and 8.x, which have fewer.
 pub(super) const RESIDENT: u64 = 2048;
@@ -65,8 +65,13 @@ impl SampleShading {
         }
     }
 
-    /// Enqueues the kernels; their events.
-    pub fn enqueue(&mut self, device: &Device, work: &Work) -> Result<Vec<Event>> {
+    /// Enqueues the kernels; `hardware` traces the rays of those that want it.
+    pub fn enqueue(
+        &mut self,
+        device: &Device,
+        work: &Work,
+        hardware: Option<&mut Hardware>,
+    ) -> Result<Vec<Step>> {
         match self {
             SampleShading::Packet(kernel) => {
                 let items = Traversal::Packet.items_of_streams(work.count as usize, device);
@@ -88,9 +93,9 @@ impl SampleShading {
                     cells,
                     work.counters,
                 )?;
-                Ok(vec![event])
+                Ok(vec![event.into()])
             }
-            SampleShading::SingleRay(wavefront) => wavefront.enqueue(device, work),
+            SampleShading::SingleRay(wavefront) => wavefront.enqueue(device, work, hardware),
         }
     }
 }
@@ -138,28 +143,47 @@ impl Wavefront {
         })
     }
 
-    fn enqueue(&mut self, device: &Device, work: &Work) -> Result<Vec<Event>> {
+    fn enqueue(
+        &mut self,
+        device: &Device,
+        work: &Work,
+        mut hardware: Option<&mut Hardware>,
+    ) -> Result<Vec<Step>> {
         let most = samples_under_way(device.info());
+        let most = hardware.as_ref().map_or(most, |by| by.most_samples().min(most));
         let needed = (work.count as usize).min(most).max(1);
         if self.memory.as_ref().is_none_or(|memory| memory.samples < needed) {
             // What is queued keeps the old one as long as it needs it.
             self.memory = None;
-            self.memory = Some(Memory::new(device, needed.next_power_of_two().min(most))?);
+            let room = needed.next_power_of_two().min(most);
+            self.memory = Some(Memory::new(device, room, hardware.is_none())?);
         }
-        let mut events = Vec::new();
+        if let Some(by) = &mut hardware {
+            by.reserve(device, needed)?;
+        }
+        let mut steps = Vec::new();
         let mut done = 0;
-        while events.is_empty() || done < work.count {
+        while steps.is_empty() || done < work.count {
             let count = (work.count - done).min(most as u32);
-            self.enqueue_some(work, work.first + done, count, &mut events)?;
+            let part = Work { first: work.first + done, count, ..*work };
+            self.enqueue_some(&part, hardware.as_deref_mut(), &mut steps)?;
             done += count;
         }
-        Ok(events)
+        Ok(steps)
     }
 
-    /// Enqueues shading of samples `first..first + count`, for which there is memory.
-    fn enqueue_some(&self, work: &Work, first: u32, count: u32, events: &mut Vec<Event>) -> Result<()> {
-        let Some(Memory { states, rays, queue, kept_surfaces, .. }) = &self.memory else { return Ok(()) };
-        let Work { scene, camera, shading, samples, hits, visibility, records, counters, .. } = *work;
+    /// Enqueues shading of samples for which there is memory.
+    fn enqueue_some(
+        &self,
+        work: &Work,
+        mut hardware: Option<&mut Hardware>,
+        events: &mut Vec<Step>,
+    ) -> Result<()> {
+        let Some(memory) = &self.memory else { return Ok(()) };
+        let Memory { states, kept_surfaces, .. } = memory;
+        let Work {
+            scene, camera, shading, samples, first, count, hits, visibility, records, counters, ..
+        } = *work;
         let (info, keys, cells) = work.light;
         let group = Traversal::SingleRay.group();
         let of_samples = Grid { items: count as usize, group };
@@ -167,60 +191,97 @@ impl Wavefront {
         let of_hits = Grid { items: lanes_of_hits(count as usize), group };
         events.push(
             self.begin_samples
-                .launch(of_samples, scene, camera, shading, samples, first, count, hits, states)?,
+                .launch(of_samples, scene, camera, shading, samples, first, count, hits, states)?
+                .into(),
         );
         let to_sun = rays_to_sun(shading);
-        if to_sun > 0 {
-            events.push(self.trace_sun_rays.launch(
-                of_samples, scene, camera, shading, samples, first, count, visibility, states, counters,
-            )?);
+        match &mut hardware {
+            _ if to_sun == 0 => {}
+            Some(by) => events.extend(by.trace_sun_rays(work, states, to_sun)?),
+            None => events.push(
+                self.trace_sun_rays
+                    .launch(
+                        of_samples, scene, camera, shading, samples, first, count, visibility, states,
+                        counters,
+                    )?
+                    .into(),
+            ),
         }
         for first_ray in (0..shading.rays - to_sun).step_by(BATCH) {
+            let (rays, queue) = memory.under_way(hardware.as_deref())?;
             events.push(
                 self.generate_light_rays
-                    .launch(of_rays, scene, camera, shading, first_ray, count, states, rays, queue)?,
+                    .launch(of_rays, scene, camera, shading, first_ray, count, states, rays, queue)?
+                    .into(),
             );
-            events.push(self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?);
-            events.push(self.shade_light_hits.launch(
-                of_hits,
-                scene,
-                camera,
-                shading,
-                first_ray,
-                count,
-                states,
-                rays,
-                queue,
-                info,
-                keys,
-                cells,
-                counters,
-                kept_surfaces,
-            )?);
-            events
-                .push(self.resolve_light.launch(of_samples, scene, shading, count, states, rays, counters)?);
+            let left = match &mut hardware {
+                Some(by) => {
+                    events.push(by.trace_light_rays(count)?);
+                    by.leaves_rays_open()
+                }
+                None => true,
+            };
+            let (rays, queue) = memory.under_way(hardware.as_deref())?;
+            if left {
+                let traced =
+                    self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?;
+                events.push(traced.into());
+            }
+            events.push(
+                self.shade_light_hits
+                    .launch(
+                        of_hits,
+                        scene,
+                        camera,
+                        shading,
+                        first_ray,
+                        count,
+                        states,
+                        rays,
+                        queue,
+                        info,
+                        keys,
+                        cells,
+                        counters,
+                        kept_surfaces,
+                    )?
+                    .into(),
+            );
+            events.push(
+                self.resolve_light.launch(of_samples, scene, shading, count, states, rays, counters)?.into(),
+            );
         }
         if shading.lights > 0 {
-            events.push(self.shade_punctual.launch(of_samples, scene, shading, count, states, counters)?);
+            events.push(
+                self.shade_punctual.launch(of_samples, scene, shading, count, states, counters)?.into(),
+            );
         }
         if work.glass {
-            events.push(self.shade_glass.launch(
-                of_samples,
-                scene,
-                camera,
-                shading,
-                count,
-                states,
-                info,
-                keys,
-                cells,
-                counters,
-                kept_surfaces,
-            )?);
+            events.push(
+                self.shade_glass
+                    .launch(
+                        of_samples,
+                        scene,
+                        camera,
+                        shading,
+                        count,
+                        states,
+                        info,
+                        keys,
+                        cells,
+                        counters,
+                        kept_surfaces,
+                    )?
+                    .into(),
+            );
         }
-        events.push(self.end_samples.launch(
-            of_samples, camera, shading, samples, first, count, visibility, states, records, counters,
-        )?);
+        events.push(
+            self.end_samples
+                .launch(
+                    of_samples, camera, shading, samples, first, count, visibility, states, records, counters,
+                )?
+                .into(),
+        );
         Ok(())
     }
 }
@@ -237,7 +298,7 @@ fn lanes_of_hits(samples: usize) -> usize {
 
 /// Samples that are under way together at most: one for each lane that a graphics card can have resident, within a sixteenth
 /// of its memory; for processors as many as their caches hold.
-fn samples_under_way(info: &DeviceInfo) -> usize {
+pub(super) fn samples_under_way(info: &DeviceInfo) -> usize {
     if info.kind == "cpu" {
         return 1024;
     }
@@ -257,12 +318,19 @@ pub(super) fn bytes_under_way(info: &DeviceInfo) -> u64 {
 }
 
 impl Memory {
-    fn new(device: &Device, samples: usize) -> Result<Self> {
+    /// The rays under way, and the queue of those that met a surface.
+    fn under_way<'a>(&'a self, hardware: Option<&'a Hardware>) -> Result<(&'a Buffer<u32>, &'a Buffer<u32>)> {
+        hardware.map_or(Ok((&self.rays, &self.queue)), Hardware::rays)
+    }
+
+    /// Without rays where they lie in memory of others.
+    fn new(device: &Device, samples: usize, with_rays: bool) -> Result<Self> {
+        let rays = if with_rays { samples * BATCH } else { 0 };
         Ok(Memory {
             samples,
             states: Buffer::new(device, samples * STATE_BYTES / size_of::<u32>())?,
-            rays: Buffer::new(device, samples * BATCH * RAY_WORDS)?,
-            queue: Buffer::new(device, 1 + samples * BATCH)?,
+            rays: Buffer::new(device, rays * RAY_WORDS)?,
+            queue: Buffer::new(device, 1 + rays)?,
             kept_surfaces: Buffer::new(device, lanes_of_hits(samples) * SURFACE_BYTES / size_of::<u32>())?,
         })
     }

@@ -94,7 +94,7 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     let camera = camera(&view, tracer.anchor, &settings);
     let shading = layout::Shading { guided: 1, hits_per_pixel: 1, rays: 4, ..tracer.scene.shading };
     tracer.share_edges(&camera, 2, &pattern, &pattern.whole, &records).unwrap();
-    tracer.shade(&camera, &shading, &pattern, &pattern.whole, Some(&records), &samples).unwrap();
+    tracer.shade(None, &camera, &shading, &pattern, &pattern.whole, Some(&records), &samples).unwrap();
     device.finish().unwrap();
     assert!(samples.to_vec().unwrap().iter().all(|sample| sample.depth == 0.0));
     // A part leaves the rest as it was.

@@ -6,7 +6,7 @@ use std::ffi::{CStr, CString};
 use ash::vk;
 
 use super::physical::{queue_family, report, sharing_extensions};
-use super::{ContextOptions, VALIDATION_LAYER};
+use super::{ContextOptions, RayQueryFeatures, VALIDATION_LAYER};
 use crate::error::{Error, Result};
 use crate::free_memory;
 
@@ -70,24 +70,38 @@ pub(super) fn create_instance(
     })
 }
 
+/// A logical device.
+pub(super) struct Opened {
+    pub physical_device: vk::PhysicalDevice,
+    pub device: ash::Device,
+    pub queue_family: u32,
+    pub ray_queries: bool,
+}
+
 pub(super) fn open(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
     options: &ContextOptions,
-) -> Result<(vk::PhysicalDevice, ash::Device, u32)> {
+) -> Result<Opened> {
     let found = report(instance, physical, &[]);
     let family = queue_family(instance, physical)
         .ok_or_else(|| no_device(format!("{} has no queue for graphics and compute", found.name)))?;
     let mut extensions: Vec<&CStr> = options.device_extensions.iter().map(CString::as_c_str).collect();
     extensions.extend(sharing_extensions(instance, physical));
+    let ray_queries = options.ray_queries && found.lacks_ray_queries.is_none();
+    let mut features = RayQueryFeatures::default();
+    extensions.extend(RayQueryFeatures::extensions().iter().filter(|_| ray_queries));
     let extensions: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
-    let info =
+    let mut info =
         vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
-    // SAFETY: the extensions are offered by the device, or were checked for; the strings outlive the call.
+    if ray_queries {
+        info = features.require(info);
+    }
+    // SAFETY: extensions and features are offered by the device, or were checked for; the strings outlive the call.
     let device = unsafe { instance.create_device(physical, &info, None) }.map_err(|code| Error::Device {
         device: found.name,
         problem: format!("it cannot be opened ({code}); close programs that use it, or choose another"),
     })?;
-    Ok((physical, device, family))
+    Ok(Opened { physical_device: physical, device, queue_family: family, ray_queries })
 }

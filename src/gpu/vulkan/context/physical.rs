@@ -8,6 +8,7 @@ use ash::vk;
 
 use super::ContextOptions;
 use super::opening::{create_instance, load, no_device};
+use super::ray_queries::RayQueryFeatures;
 use crate::error::Result;
 use crate::gpu::handle;
 
@@ -53,6 +54,8 @@ pub struct DeviceReport {
     pub imports_host_memory: bool,
     /// Whether memory can be exported by opaque handles (VK_KHR_external_memory_fd, on Windows _win32).
     pub exports_memory: bool,
+    /// The first extension or feature that it lacks for ray queries; `None` if it has them.
+    pub lacks_ray_queries: Option<String>,
     /// Why it cannot be used; `None` if it can.
     pub unusable: Option<String>,
 }
@@ -89,7 +92,7 @@ pub fn sharing_extensions(instance: &ash::Instance, device: vk::PhysicalDevice) 
     wanted.into_iter().filter(|name| offered.contains(*name)).collect()
 }
 
-fn extensions_of(instance: &ash::Instance, device: vk::PhysicalDevice) -> BTreeSet<CString> {
+pub(super) fn extensions_of(instance: &ash::Instance, device: vk::PhysicalDevice) -> BTreeSet<CString> {
     // SAFETY: the device belongs to the instance.
     let listed = unsafe { instance.enumerate_device_extension_properties(device) }.unwrap_or_default();
     listed.iter().filter_map(|entry| entry.extension_name_as_c_str().ok().map(CStr::to_owned)).collect()
@@ -131,6 +134,10 @@ pub(super) fn report(
         uuid: ids.device_uuid,
         imports_host_memory: extensions.contains(ash::ext::external_memory_host::NAME),
         exports_memory: extensions.contains(handle::VULKAN_EXTENSION),
+        lacks_ray_queries: match version >= vk::API_VERSION_1_1 {
+            true => RayQueryFeatures::lacking(instance, device),
+            false => Some("Vulkan 1.1".to_string()),
+        },
         unusable,
     }
 }

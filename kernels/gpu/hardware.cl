@@ -1,0 +1,228 @@
+// Rays that ray queries trace (../rays.wgsl), where the device that presents has them: kernels lay them out in memory, in the
+// planes of shade.cl, and others take what was found. Rays that meet triangles with alpha come back open, and are traced here.
+#if SINGLE_RAYS && HARDWARE_RAYS
+
+// What rays look for beside what light rays do: the nearest surface seen from its front, and the nearest from any side.
+#define RAY_FROM_EYE 32u
+#define RAY_FOR_BLOCKER 64u
+// Where rays start that are no sample's.
+#define PLANE_OWN_ORIGIN 5u
+
+static void put_ray(__global uint *rays, uint groups, uint at, uint sought, float3 d)
+{
+    *word_of(rays, groups, PLANE_SOUGHT, at) = sought;
+    set_vector(rays, groups, PLANE_DIRECTION, at, d);
+    *word_of(rays, groups, PLANE_T, at) = as_uint(INFINITY);
+}
+
+static void set_unused(__global uint *rays, uint groups, uint at) { *word_of(rays, groups, PLANE_SOUGHT, at) = RAY_UNUSED; }
+
+static bool is_open(__global uint *rays, uint groups, uint at) { return (*word_of(rays, groups, PLANE_SOUGHT, at) & IS_OPEN) != 0u; }
+
+static HitRecord hit_found(__global uint *rays, uint groups, uint at)
+{
+    uint triangle = *word_of(rays, groups, PLANE_TRIANGLE, at);
+    HitRecord hit = {triangle, triangle == NONE ? INFINITY : as_float(*word_of(rays, groups, PLANE_T, at))};
+    return hit;
+}
+
+// The eye, which all camera rays leave.
+static void set_eye(__global uint *rays, uint groups, const Camera *camera)
+{
+    __global uint *words = word_of(rays, groups, PLANE_OWN_ORIGIN, 0u);
+    words[0] = as_uint(camera->origin[0]);
+    words[1] = as_uint(camera->origin[1]);
+    words[2] = as_uint(camera->origin[2]);
+}
+
+static HitRecord hit_through(const Scene *scene, const Camera *camera, uint x, uint y, uint groups, uint at, __global uint *rays, uint seed)
+{
+#if HAS_ALPHA
+    if (is_open(rays, groups, at))
+        return look_through(scene, camera, x, y, seed);
+#endif
+    return hit_found(rays, groups, at);
+}
+
+// Camera rays of the pixels of the tiles first .. first + count: ray i is work-item i's of `trace_pixels`. There are 32 rays in
+// each of the groups.
+__kernel void aim_pixel_rays(Camera camera, __global const uint *tiles, uint first, uint count, uint groups, __global uint *rays)
+{
+    uint at = (uint)get_global_id(0), x, y, right, bottom;
+    if (at >= 32u * groups)
+        return;
+    if (at == 0u)
+        set_eye(rays, groups, &camera);
+    if (pixels_of_item(&camera, tiles, first, count, at, &x, &y, &right, &bottom))
+        put_ray(rays, groups, at, RAY_FROM_EYE, camera_ray(&camera, x, y));
+    else
+        set_unused(rays, groups, at);
+}
+
+// As trace_pixels writes them.
+__kernel void take_pixel_hits(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count, uint groups,
+                              __global uint *rays, __global HitRecord *hits, uint seed)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint at = (uint)get_global_id(0), x, y, right, bottom;
+    if (pixels_of_item(&camera, tiles, first, count, at, &x, &y, &right, &bottom))
+        hits[y * camera.width + x] = hit_through(&scene, &camera, x, y, groups, at, rays, seed);
+}
+
+// Camera rays of samples first .. first + count.
+__kernel void aim_sample_rays(Camera camera, __global const uint *samples, uint first, uint count, uint groups, __global uint *rays)
+{
+    uint at = (uint)get_global_id(0);
+    if (at >= 32u * groups)
+        return;
+    if (at == 0u)
+        set_eye(rays, groups, &camera);
+    if (at < count)
+        put_ray(rays, groups, at, RAY_FROM_EYE, camera_ray(&camera, samples[first + at] & 0xffffu, samples[first + at] >> 16));
+    else
+        set_unused(rays, groups, at);
+}
+
+// As trace_samples writes them.
+__kernel void take_sample_hits(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count, uint groups,
+                               __global uint *rays, __global HitRecord *hits)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint at = (uint)get_global_id(0);
+    if (at >= count)
+        return;
+    uint x = samples[first + at] & 0xffffu, y = samples[first + at] >> 16;
+    hits[first + at] = hit_through(&scene, &camera, x, y, groups, at, rays, camera.seed);
+}
+
+// Rays to the sun's centre from what the pixels of the tiles first .. first + count see.
+__kernel void aim_pixels_at_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
+                                uint groups, __global const HitRecord *hits, __global uint *rays)
+{
+#if HAS_SUN
+    Scene scene = SCENE_ARGUMENTS;
+    uint at = (uint)get_global_id(0), x, y, right, bottom;
+    if (at >= 32u * groups)
+        return;
+    set_unused(rays, groups, at);
+    if (!pixels_of_item(&camera, tiles, first, count, at, &x, &y, &right, &bottom) || !IS_HIT(hits[y * camera.width + x].triangle))
+        return;
+    float3 sun = load3(shading.sun_direction), origin;
+    if (!leave_for_sun(&scene, &camera, x, y, hits[y * camera.width + x], sun, &origin))
+        return;
+    put_ray(rays, groups, at, RAY_FOR_SKY, sun);
+    set_vector(rays, groups, PLANE_OWN_ORIGIN, at, origin);
+#endif
+}
+
+// How much of the sun's light comes, as trace_sun leaves it. counters[0] sums the rays.
+__kernel void take_pixels_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
+                              uint groups, __global const HitRecord *hits, __global uint *rays, __global VisibilityRecord *records,
+                              __global uint *counters)
+{
+#if HAS_SUN
+    Scene scene = SCENE_ARGUMENTS;
+    uint at = (uint)get_global_id(0), x, y, right, bottom;
+    if (!pixels_of_item(&camera, tiles, first, count, at, &x, &y, &right, &bottom))
+        return;
+    uint pixel = y * camera.width + x, found = *word_of(rays, groups, PLANE_SOUGHT, at);
+    if (!IS_HIT(hits[pixel].triangle))
+        return;
+    float coming = found == RAY_FOR_SKY ? 1.0f : 0.0f;
+#if HAS_ALPHA
+    if (found & IS_OPEN)
+        coming = light_along(&scene, &shading, vector_of(rays, groups, PLANE_OWN_ORIGIN, at), load3(shading.sun_direction), INFINITY, 0u);
+#endif
+    if (found != RAY_UNUSED)
+        atomic_inc(&counters[0]);
+    records[pixel].reflected = as_uint(coming);
+#endif
+}
+
+// Rays of samples to the sun's disc: trace_sun_rays in three parts. Ray i of sample k of `count` is ray i * count + k.
+__kernel void aim_sun_rays(Camera camera, Shading asked, uint count, __global uint *states, __global uint *rays)
+{
+#if HAS_SUN
+    uint at = (uint)get_global_id(0), n = rays_to_sun(&asked);
+    if (at >= 32u * count)
+        return;
+    uint k = at % count, i = at / count;
+    set_unused(rays, count, at);
+    if (i >= n || !state_at(states, k)->sample.lit)
+        return;
+    Sample sample = state_at(states, k)->sample;
+    if (i == 0u)
+        set_origin(rays, count, k, sample.origin);
+    float3 d;
+    if (aim_at_sun(&asked, &sample, i, n, camera.seed, &d))
+        put_ray(rays, count, at, RAY_FOR_SKY, d);
+#endif
+}
+
+// Looks at what came of them, and aims a ray at what hides a part of the disc: ray k. counters[0] sums the rays.
+__kernel void seek_sun_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+                                __global const VisibilityRecord *visibility, __global uint *states, __global uint *rays,
+                                __global uint *counters)
+{
+#if HAS_SUN
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0), n = rays_to_sun(&asked);
+    if (k >= count || !state_at(states, k)->sample.lit)
+        return;
+    Sample sample = state_at(states, k)->sample;
+    uint pixel = samples[first + k];
+    bool centre = visibility[(pixel >> 16) * camera.width + (pixel & 0xffffu)].normal >> 31, hidden = false, seen = false;
+    float3 blocked = load3(asked.sun_direction);
+    for (uint at = k; at < n * count; at += count) {
+        uint found = *word_of(rays, count, PLANE_SOUGHT, at);
+        if (found == RAY_UNUSED)
+            continue;
+        float3 d = vector_of(rays, count, PLANE_DIRECTION, at);
+        float coming = found == RAY_FOR_SKY ? 1.0f : 0.0f;
+#if HAS_ALPHA
+        if (found & IS_OPEN)
+            coming = light_along(&scene, &asked, sample.origin, d, INFINITY, sample.chance);
+#endif
+        if (coming > 0.0f) {
+            seen = true;
+        } else {
+            blocked = hidden ? blocked : d;
+            hidden = true;
+        }
+    }
+    bool seeks = seeks_blocker(&asked, &sample, hidden, seen, centre, blocked);
+    if (seeks)
+        put_ray(rays, count, k, RAY_FOR_BLOCKER, blocked);
+    else
+        set_unused(rays, count, k);
+    atomic_add(&counters[0], n + (seeks ? 1u : 0u));
+#endif
+}
+
+// Notes how far away it is.
+__kernel void take_sun_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+                                __global const VisibilityRecord *visibility, __global uint *states, __global uint *rays)
+{
+#if HAS_SUN
+    Scene scene = SCENE_ARGUMENTS;
+    uint k = (uint)get_global_id(0);
+    if (k >= count || !state_at(states, k)->sample.lit)
+        return;
+    uint pixel = samples[first + k], away = 0u;
+    uint centre = visibility[(pixel >> 16) * camera.width + (pixel & 0xffffu)].normal >> 31;
+    if (*word_of(rays, count, PLANE_SOUGHT, k) != RAY_UNUSED) {
+        HitRecord hit = hit_found(rays, count, k);
+#if HAS_ALPHA
+        if (is_open(rays, count, k)) {
+            hit.triangle = NONE;
+            hit.t = INFINITY;
+            float3 origin = state_at(states, k)->sample.origin, d = vector_of(rays, count, PLANE_DIRECTION, k);
+            trace_ray(&scene, origin, 0.0f, d, &hit.t, &hit.triangle, PASSED, state_at(states, k)->sample.chance);
+        }
+#endif
+        away = hit.triangle == NONE ? 0u : blocker_code(hit.t);
+    }
+    state_at(states, k)->sample.normal |= (away << 1 | centre) << 24;
+#endif
+}
+#endif

@@ -1,0 +1,112 @@
+//! The work of a view, handed to a device's queue.
+
+use super::pattern::Ring;
+use super::{Hardware, InFlight, Settings, TracePattern, Tracer, camera, untraced};
+use crate::error::Result;
+use crate::foveation::workload::Part;
+use crate::gpu::opencl::{Buffer, Transfer};
+use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::math::view::View;
+
+impl Tracer {
+    /// Enqueues the trace of all samples of a view; with guided settings also what every pixel sees. More may be enqueued
+    /// before this is waited for.
+    ///
+    /// `samples` and `visibility` are at least as long as the pattern's samples and the view's pixels;
+    /// their content is complete after [`Tracer::finish`].
+    pub fn enqueue(
+        &mut self,
+        view: &View,
+        settings: &Settings,
+        pattern: &TracePattern,
+        samples: &Buffer<SampleRecord>,
+        visibility: Option<&Buffer<VisibilityRecord>>,
+    ) -> Result<InFlight> {
+        self.enqueue_parts(view, settings, pattern, std::slice::from_ref(&pattern.whole), samples, visibility)
+    }
+
+    /// Like [`Tracer::enqueue`], for parts of the view that follow each other: records of other parts stay as
+    /// they are, except that the first part's first traced tile is described too.
+    pub fn enqueue_parts(
+        &mut self,
+        view: &View,
+        settings: &Settings,
+        pattern: &TracePattern,
+        parts: &[Part],
+        samples: &Buffer<SampleRecord>,
+        visibility: Option<&Buffer<VisibilityRecord>>,
+    ) -> Result<InFlight> {
+        let mut hardware = self.hardware.take();
+        let begun = self.enqueue_by(hardware.as_mut(), view, settings, pattern, parts, (samples, visibility));
+        self.hardware = hardware;
+        begun
+    }
+
+    /// The same; rays that `hardware` traces are waited for meanwhile.
+    fn enqueue_by(
+        &mut self,
+        mut hardware: Option<&mut Hardware>,
+        view: &View,
+        settings: &Settings,
+        pattern: &TracePattern,
+        parts: &[Part],
+        (samples, visibility): (&Buffer<SampleRecord>, Option<&Buffer<VisibilityRecord>>),
+    ) -> Result<InFlight> {
+        assert_eq!(
+            settings.guided,
+            visibility.is_some(),
+            "guided reconstruction needs visibility, k-NN does not"
+        );
+        let needed = if settings.guided { view.pixels() } else { pattern.whole.samples.len() };
+        if self.hits.len() < needed {
+            self.hits = untraced(&self.device, needed)?;
+        }
+        if self.may_blend && self.blends.len() < needed {
+            self.blends = Buffer::zeroed(&self.device, needed)?;
+        }
+        samples.acquire()?;
+        visibility.map_or(Ok(()), Buffer::acquire)?;
+        self.counters.fill_zero()?;
+        let camera = camera(view, self.anchor, settings);
+        let shading = self.shading(settings);
+        let mut copied = None;
+        let (traces, camera_rays) = match visibility {
+            Some(records) => {
+                let edges = settings.edge_rays;
+                let ring = if edges > 0 { pattern.ring(parts) } else { Ring::default() };
+                let (tiles, blocks) = (ring.tiles.len(), ring.blocks);
+                copied = self.give_ring(ring)?;
+                let ring = (tiles as u32, blocks);
+                let by = hardware.as_deref_mut();
+                self.trace_tiles(by, &camera, &shading, edges, pattern, parts, ring, records)?
+            }
+            None => {
+                let by = &mut hardware;
+                let trace = |part: &Part| self.trace_only_samples(by.as_deref_mut(), &camera, pattern, part);
+                let rays = parts.iter().map(|part| part.samples.len() as u64).sum();
+                (parts.iter().map(trace).collect::<Result<Vec<_>>>()?, rays)
+            }
+        };
+        let mut events = Vec::with_capacity(parts.len());
+        for (part, trace) in parts.iter().zip(traces) {
+            let by = hardware.as_deref_mut();
+            events.push((trace, self.shade(by, &camera, &shading, pattern, part, visibility, samples)?));
+        }
+        samples.release()?;
+        visibility.map_or(Ok(()), Buffer::release)?;
+        let counters = self.counters.start_read(0, 2)?;
+        self.device.flush()?;
+        Ok(InFlight { parts: events, camera_rays, counters, _copied: copied })
+    }
+
+    /// Has the tiles around parts copied to where kernels find them.
+    fn give_ring(&mut self, ring: Ring) -> Result<Option<Transfer<Vec<u32>>>> {
+        if ring.tiles.is_empty() {
+            return Ok(None);
+        }
+        if self.ring.len() < ring.tiles.len() {
+            self.ring = Buffer::new(&self.device, ring.tiles.len().next_power_of_two())?;
+        }
+        self.ring.start_write(ring.tiles).map(Some)
+    }
+}
