@@ -303,7 +303,9 @@ impl Renderer {
 
     /// What the operator should know of devices that were left out, have failed or come back; each once.
     pub fn take_notes(&mut self) -> Vec<String> {
-        self.scheduler.take_notes()
+        let mut notes = self.scheduler.take_notes();
+        notes.extend(self.patterns.take_notes());
+        notes
     }
 
     /// Frames are made by other settings from now on: law, samples, rays, bounces and seed at no cost beside

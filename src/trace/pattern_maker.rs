@@ -16,7 +16,7 @@ use super::kernels::{
     SumCounts,
 };
 use super::source;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::foveation::keys::Keys;
 use crate::foveation::{BitMask, Cells, Law, Lens, Pattern, order, pattern::TILE};
 use crate::gpu::opencl::{Buffer, Device, Program, Transfer};
@@ -137,7 +137,11 @@ impl PatternMaker {
     /// # Errors
     /// [`crate::Error::Kernel`] or [`crate::Error::Device`] where the device does not take them.
     pub fn new(device: &Device) -> Result<Self> {
-        let group = if device.info().kind == "cpu" { 1 } else { 256 };
+        Self::with_group(device, if device.info().kind == "cpu" { 1 } else { 256 })
+    }
+
+    /// The same with groups of so many work-items that count.
+    fn with_group(device: &Device, group: usize) -> Result<Self> {
         let text = source::pattern_text();
         let program = Program::build(device, "pattern", &text, &source::pattern_options(group))?;
         let ranks: Vec<f32> = blue_noise::ranks().iter().map(|&rank| f32::from(rank)).collect();
@@ -163,12 +167,13 @@ impl PatternMaker {
     /// Chooses the pixels that are sampled, and sorts them into cells.
     ///
     /// # Errors
-    /// [`crate::Error::Device`] where the device has no room, or is lost.
+    /// [`crate::Error::Device`] where the device has no room, is lost, or lists what cannot be.
     pub fn choose(&mut self, wanted: &Wanted) -> Result<(Pattern, Cells)> {
         let (view, lens) = (&wanted.view, wanted.lens.as_deref());
         let hidden = wanted.hidden.as_deref().filter(|_| lens.is_none());
         let keys = Keys::new(view, &wanted.law, wanted.gaze, lens, hidden);
-        let asked = wanted.count.clamp(1, view.pixels().max(1));
+        let all = view.pixels().max(1);
+        let asked = if wanted.law == Law::Full { all } else { wanted.count.clamp(1, all) };
         let shift = Cells::shift_for(view.width, view.height, asked);
         let [across, down] = Cells::counts(view.width, view.height, shift);
         let order = order::hilbert(view.width.div_ceil(TILE), view.height.div_ceil(TILE));
@@ -191,6 +196,13 @@ impl PatternMaker {
         samples.truncate(count);
         sorted.truncate(count);
         let starts = starts.into_memory()?;
+        let lists = [&starts[..blocks], &starts[blocks..]];
+        let rises =
+            |list: &&[u32]| list.is_sorted() && list.last().is_none_or(|&last| last as usize <= count);
+        if count > asked || !lists.iter().all(rises) {
+            let problem = "lists samples that cannot be; update its driver".to_string();
+            return Err(Error::Device { device: self.device.info().name.clone(), problem });
+        }
         let tiles: Vec<u32> = starts[..blocks].iter().step_by(BLOCKS).copied().collect();
         let pattern = Pattern::of_list(view, samples, order, &tiles);
         Ok((pattern, Cells { sorted, starts: starts[blocks..].to_vec(), shift, across }))
@@ -330,5 +342,24 @@ impl Room {
     }
 }
 
+#[cfg(test)]
+mod testing {
+    use crate::gpu::opencl::{Device, device};
+
+    /// A processor, which rounds divisions and roots correctly; `None`, and a line that says so, where there is none. On
+    /// machines that promise one (CI=true) that is a failure.
+    pub fn processor() -> Option<Device> {
+        let mut devices = device::list().into_iter();
+        let Some(info) = devices.find(|info| info.unusable.is_none() && info.kind == "cpu") else {
+            assert!(
+                std::env::var("CI").as_deref() != Ok("true"),
+                "there is no OpenCL device that is a processor"
+            );
+            println!("not run: there is no OpenCL device that is a processor");
+            return None;
+        };
+        Some(Device::open(&info).unwrap())
+    }
+}
 #[cfg(test)]
 mod tests;

@@ -13,8 +13,8 @@ use crate::foveation::{BitMask, Law, Pattern, Workload, spaced};
 use crate::frame::meter::Metered;
 use crate::gpu::interop::{Shared, Sharing};
 use crate::math::view::{FieldOfView, View};
-use crate::trace::SampleTarget;
 use crate::trace::pattern_maker::Wanted;
+use crate::trace::{SampleTarget, State};
 
 /// One traced view's pattern and the memory that its samples travel in.
 pub(super) struct TracedView {
@@ -71,15 +71,21 @@ impl Renderer {
         let lens = self.lenses.get(index).cloned();
         let (gaze, hidden) = (request.gaze, request.hidden.clone());
         let wanted = Wanted { view: *view, law, gaze, count, hidden, lens };
-        // A view's first pattern may be its last; and where each pixel has a sample there is nothing to choose.
-        let moves = self.views.get(index).is_some() && count < view.pixels();
-        let made = if moves { self.patterns.choose(&wanted) } else { None };
+        let made = if self.chooses(index, &wanted) { self.patterns.choose(&wanted) } else { None };
         let (pattern, cells) =
             made.map_or_else(|| (wanted.on_host(), None), |(pattern, cells)| (pattern, Some(cells)));
         let size = (view.width, view.height);
         self.reconstruction.set_sorted_pattern(index, size, &pattern.samples, cells)?;
         self.take_pattern(index, key, *view, pattern)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// Whether the first device is to choose a view's samples: its first pattern may be its last, where each pixel has a sample
+    /// there is nothing to choose, and a device that is late or has failed would be waited for.
+    fn chooses(&self, index: usize, wanted: &Wanted) -> bool {
+        let moves = self.views.get(index).is_some();
+        let some = wanted.law != Law::Full && wanted.count < wanted.view.pixels();
+        moves && some && *self.scheduler.fleet().state(0) == State::Ready
     }
 
     /// What a sample target is good for.

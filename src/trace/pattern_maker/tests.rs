@@ -1,17 +1,10 @@
 use super::*;
 use crate::foveation::spaced;
-use crate::gpu::opencl::device;
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
 
-/// A maker on a processor, which rounds divisions and roots correctly.
 fn maker() -> Option<PatternMaker> {
-    let Some(info) = device::list().into_iter().find(|info| info.unusable.is_none()) else {
-        assert!(std::env::var("CI").as_deref() != Ok("true"), "there is no OpenCL device");
-        println!("not run: there is no OpenCL device");
-        return None;
-    };
-    Some(PatternMaker::new(&Device::open(&info).unwrap()).unwrap())
+    Some(PatternMaker::new(&testing::processor()?).unwrap())
 }
 
 fn view(width: u32, height: u32) -> View {
@@ -22,23 +15,23 @@ fn view(width: u32, height: u32) -> View {
 /// Holds a device's pattern and cells to those of the host.
 fn check(maker: &mut PatternMaker, wanted: &Wanted) {
     let case = format!("{} {} {:?} {}", wanted.law, wanted.gaze, wanted.view, wanted.count);
-    let (pattern, mut cells) = maker.choose(wanted).unwrap();
+    let (pattern, cells) = maker.choose(wanted).unwrap();
     let expected = wanted.on_host();
     assert!(pattern == expected, "{case}");
-    let size = (pattern.width, pattern.height);
-    // Cells are made for as many samples as were asked for.
-    if expected.samples.len() == wanted.count {
-        let sorted = Cells::new(size.0, size.1, &expected.samples).unwrap();
-        assert_eq!((cells.shift, cells.across), (sorted.shift, sorted.across), "{case}");
-        assert!(cells.starts == sorted.starts, "{case}");
-        for cell in sorted.starts.windows(2) {
-            cells.sorted[cell[0] as usize..cell[1] as usize].sort_unstable_by_key(|&[_, index]| index);
+    let listed = pattern.samples.len();
+    assert_eq!((cells.sorted.len(), cells.starts.last()), (listed, Some(&(listed as u32))), "{case}");
+    let mut seen = vec![false; listed];
+    for (cell, range) in (0..).zip(cells.starts.windows(2)) {
+        for &[packed, index] in &cells.sorted[range[0] as usize..range[1] as usize] {
+            let (x, y) = ((packed & 0xffff) >> cells.shift, (packed >> 16) >> cells.shift);
+            assert_eq!(cell, y * cells.across + x, "{case}");
+            assert_eq!(packed, pattern.samples[index as usize], "{case}");
+            assert!(!std::mem::replace(&mut seen[index as usize], true), "{case}");
         }
-        assert!(cells.sorted == sorted.sorted, "{case}");
     }
 }
 
-const LAWS: [&str; 4] = ["paper", "linear-mar", "log-polar", "uniform"];
+const LAWS: [&str; 5] = ["paper", "linear-mar", "log-polar", "uniform", "full"];
 
 #[test]
 fn patterns_are_those_of_the_host() {
@@ -87,6 +80,19 @@ fn hidden_pixels_and_lenses_count_as_on_the_host() {
             check(&mut maker, &Wanted { hidden: Some(hidden.clone()), count, ..wanted.clone() });
         }
         check(&mut maker, &Wanted { hidden: Some(all.clone()), ..wanted });
+    }
+}
+
+/// On a processor, too, groups may count together, as on graphics cards.
+#[test]
+fn groups_that_count_together_choose_the_same() {
+    let Some(device) = testing::processor() else { return };
+    let mut maker = PatternMaker::with_group(&device, 256).unwrap();
+    let (view, law) = (view(640, 401), Law::default());
+    let hidden = Arc::new(BitMask::from_fn(640, 401, |x, y| x < 9 || y % 4 == 0));
+    for (x, hidden) in [(0.3, None), (0.7, Some(hidden))] {
+        let gaze = DVec2::new(x, 0.4);
+        check(&mut maker, &Wanted { view, law, gaze, count: 20_000, hidden, lens: None });
     }
 }
 

@@ -1,6 +1,7 @@
 //! A device's patterns, on a thread of its own: a driver that builds, fails or hangs holds up nobody for long.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::collections::HashSet;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -14,20 +15,25 @@ use crate::math::view::{FieldOfView, View};
 use crate::waiting::{self, Limits};
 
 /// A pattern takes milliseconds; who takes so long is not asked again.
-const PATIENCE: Duration = Duration::from_secs(3);
+const PATIENCE: Limits = Limits { told: Duration::from_secs(3), end: Duration::from_secs(3) };
+
+type Made = (Pattern, Cells);
+/// A pattern, or none where kernels are built, or why there will be no more.
+type Answer = Result<Option<Made>, String>;
 
 /// Patterns from a device, as far as it serves.
 pub struct Patterns {
     /// The device, until it is first asked.
     idle: Option<Device>,
     working: Option<Working>,
+    notes: Vec<String>,
 }
 
 struct Working {
     name: String,
     wanted: Option<Sender<Wanted>>,
     /// The first says that kernels are built.
-    made: Receiver<Option<(Pattern, Cells)>>,
+    made: Receiver<Answer>,
     thread: Option<JoinHandle<()>>,
     ready: bool,
 }
@@ -35,45 +41,50 @@ struct Working {
 impl Patterns {
     /// Those of a device, if there is one. Nothing is built before a pattern is wanted.
     pub fn of(device: Option<Device>) -> Self {
-        Patterns { idle: device, working: None }
+        Patterns { idle: device, working: None, notes: Vec::new() }
     }
 
     /// A pattern, with its samples sorted for searches. `None` while kernels are built, and where the device has failed:
     /// then the host makes it.
-    pub fn choose(&mut self, wanted: &Wanted) -> Option<(Pattern, Cells)> {
+    pub fn choose(&mut self, wanted: &Wanted) -> Option<Made> {
         if let Some(device) = self.idle.take() {
-            self.working = Working::begin(device);
+            self.working = Working::begin(device, wanted.clone());
         }
-        let working = self.working.as_mut()?;
-        match working.choose(wanted) {
+        match self.working.as_mut()?.choose(wanted) {
             Ok(made) => made,
-            Err(RecvTimeoutError::Disconnected) => {
-                self.working = None;
-                None
-            }
-            Err(RecvTimeoutError::Timeout) => {
-                waiting::give_up();
-                working.thread = None;
+            Err(why) => {
+                self.notes.push(format!("patterns are made by the host from now on, since {why}"));
                 self.working = None;
                 None
             }
         }
     }
+
+    /// What the operator should know, once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
 }
 
 impl Working {
-    /// Has kernels built, and used once, since drivers end building at the first launch. None where there is no thread for it.
-    fn begin(device: Device) -> Option<Self> {
+    /// Has kernels built, and used once for a pattern like the first one wanted, since drivers end building at launches.
+    /// None where there is no thread for it.
+    fn begin(device: Device, first: Wanted) -> Option<Self> {
         let ((wanted, received), (answer, made)) = (channel::<Wanted>(), channel());
         let name = device.info().name.clone();
         let work = move || {
-            let Ok(mut maker) = PatternMaker::new(&device) else { return };
-            let mut answered = maker.choose(&small()).map(|_| None);
-            while let Ok(pattern) = answered
-                && answer.send(pattern).is_ok()
-                && let Ok(next) = received.recv()
-            {
-                answered = maker.choose(&next).map(Some);
+            let mut maker = match proven(&device, &first) {
+                Ok(maker) => maker,
+                Err(why) => return drop(answer.send(Err(why))),
+            };
+            let mut answered = Ok(None);
+            loop {
+                let ends = answered.is_err();
+                if answer.send(answered).is_err() || ends {
+                    return;
+                }
+                let Ok(next) = received.recv() else { return };
+                answered = maker.choose(&next).map(Some).map_err(|error| error.to_string());
             }
         };
         let thread = std::thread::Builder::new().name("patterns".to_string()).spawn(work).ok()?;
@@ -81,16 +92,29 @@ impl Working {
     }
 
     /// A pattern, or none where kernels are not built yet.
-    fn choose(&mut self, wanted: &Wanted) -> Result<Option<(Pattern, Cells)>, RecvTimeoutError> {
+    fn choose(&mut self, wanted: &Wanted) -> Answer {
+        let gone = || Err(format!("{} answers no more", self.name));
         if !self.ready {
-            match self.made.recv_timeout(Duration::ZERO) {
-                Ok(_) => self.ready = true,
-                Err(RecvTimeoutError::Timeout) => return Ok(None),
-                Err(gone) => return Err(gone),
+            match self.made.try_recv() {
+                Ok(Ok(_)) => self.ready = true,
+                Ok(Err(why)) => return Err(why),
+                Err(TryRecvError::Empty) => return Ok(None),
+                Err(TryRecvError::Disconnected) => return gone(),
             }
         }
-        let sent = self.wanted.as_ref().is_some_and(|sender| sender.send(wanted.clone()).is_ok());
-        if sent { self.made.recv_timeout(PATIENCE) } else { Err(RecvTimeoutError::Disconnected) }
+        if !self.wanted.as_ref().is_some_and(|sender| sender.send(wanted.clone()).is_ok()) {
+            return gone();
+        }
+        let answer = waiting::wait_for(&self.name, PATIENCE, |step| match self.made.recv_timeout(step) {
+            Ok(answer) => Some(answer),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => Some(gone()),
+        });
+        answer.unwrap_or_else(|| {
+            // Its driver may hang: nobody waits for the thread.
+            self.thread = None;
+            Err(format!("{} has not answered for {} s", self.name, PATIENCE.end.as_secs()))
+        })
     }
 }
 
@@ -110,28 +134,47 @@ impl Drop for Working {
     }
 }
 
-/// A pattern to have kernels built by.
+/// A maker that has made a small pattern as the host does, and one like the first that is wanted.
+fn proven(device: &Device, first: &Wanted) -> Result<PatternMaker, String> {
+    let text = |error: crate::Error| error.to_string();
+    let mut maker = PatternMaker::new(device).map_err(text)?;
+    let (pattern, _) = maker.choose(&small()).map_err(text)?;
+    if !is_like(&pattern, &small().on_host()) {
+        return Err(format!(
+            "{} chooses other samples than it should; update its driver",
+            device.info().name
+        ));
+    }
+    maker.choose(first).map_err(text)?;
+    Ok(maker)
+}
+
+/// Whether two patterns differ by no more than divisions that are rounded otherwise make a difference: in one of fifty samples.
+fn is_like(pattern: &Pattern, expected: &Pattern) -> bool {
+    let own: HashSet<u32> = pattern.samples.iter().copied().collect();
+    let common = expected.samples.iter().filter(|sample| own.contains(sample)).count();
+    let count = expected.samples.len();
+    pattern.samples.len() == count && own.len() == count && (count - common) * 50 <= count
+}
+
+/// A pattern to look at what a device makes of it.
 fn small() -> Wanted {
     let fov = FieldOfView::symmetric(1.0, 1.0);
     let spacing = Default::default();
-    let view = View { world_from_eye: Pose::IDENTITY, fov, width: 64, height: 64, spacing };
-    Wanted { view, law: Law::default(), gaze: DVec2::splat(0.5), count: 100, hidden: None, lens: None }
+    let view = View { world_from_eye: Pose::IDENTITY, fov, width: 128, height: 96, spacing };
+    Wanted { view, law: Law::default(), gaze: DVec2::splat(0.5), count: 800, hidden: None, lens: None }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::opencl::device;
+    use crate::trace::pattern_maker::testing;
 
     /// Patterns come from the device once its kernels are built, and are the host's.
     #[test]
     fn patterns_come_from_the_device_once_it_is_ready() {
-        let Some(info) = device::list().into_iter().find(|info| info.unusable.is_none()) else {
-            assert!(std::env::var("CI").as_deref() != Ok("true"), "there is no OpenCL device");
-            println!("not run: there is no OpenCL device");
-            return;
-        };
-        let mut patterns = Patterns::of(Some(Device::open(&info).unwrap()));
+        let Some(device) = testing::processor() else { return };
+        let mut patterns = Patterns::of(Some(device.clone()));
         let mut made = None;
         for _ in 0..6000 {
             made = patterns.choose(&small());
@@ -142,24 +185,43 @@ mod tests {
         }
         let (pattern, _) = made.expect("a pattern within a minute");
         assert!(pattern == small().on_host());
-        assert!(patterns.choose(&small()).is_some());
+        assert!(patterns.choose(&small()).is_some() && patterns.take_notes().is_empty());
         // Ended while it builds: waits for that and hangs no longer.
-        drop(Patterns { idle: None, working: Working::begin(Device::open(&info).unwrap()) });
+        drop(Working::begin(device, small()));
+    }
+
+    /// Asks somebody whose thread does this with each pattern wanted.
+    fn asked(work: impl Fn(&Sender<Answer>) + Send + 'static) -> (bool, Vec<String>) {
+        let ((wanted, received), (answer, made)) = (channel::<Wanted>(), channel());
+        let thread = std::thread::spawn(move || received.iter().for_each(|_| work(&answer)));
+        let (name, wanted, thread) = ("it".to_string(), Some(wanted), Some(thread));
+        let working = Working { name, wanted, made, thread, ready: true };
+        let mut patterns = Patterns { idle: None, working: Some(working), notes: Vec::new() };
+        let made = patterns.choose(&small()).is_some();
+        assert!(patterns.choose(&small()).is_none(), "it is not asked again");
+        (made, patterns.take_notes())
     }
 
     #[test]
-    fn a_device_that_has_failed_is_not_asked_again() {
+    fn a_device_that_fails_or_hangs_is_not_asked_again() {
         assert!(Patterns::of(None).choose(&small()).is_none());
-        let ((wanted, received), (answer, made)) = (channel::<Wanted>(), channel());
-        let thread = std::thread::spawn(move || {
-            answer.send(None).unwrap();
-            drop(received.recv());
-        });
-        while !thread.is_finished() && made.try_recv().is_err() {}
-        let working =
-            Working { name: String::new(), wanted: Some(wanted), made, thread: Some(thread), ready: true };
-        let mut patterns = Patterns { idle: None, working: Some(working) };
-        assert!(patterns.choose(&small()).is_none());
-        assert!(patterns.working.is_none());
+        let (made, notes) = asked(|answer| answer.send(Err("it is lost".to_string())).unwrap());
+        assert!(!made && notes.len() == 1 && notes[0].ends_with("it is lost"), "{notes:?}");
+        let (made, notes) = asked(|_| std::thread::sleep(Duration::from_secs(3600)));
+        assert!(!made && notes.len() == 1 && notes[0].contains("has not answered for 3 s"), "{notes:?}");
+    }
+
+    #[test]
+    fn other_samples_are_told_from_those_that_differ_by_rounding() {
+        let expected = small().on_host();
+        let mut other = expected.clone();
+        // Where the view has no pixels.
+        other.samples[..16].iter_mut().for_each(|sample| *sample += 1 << 28);
+        assert!(is_like(&expected, &expected) && is_like(&other, &expected));
+        other.samples[..17].iter_mut().for_each(|sample| *sample += 1 << 28);
+        assert!(!is_like(&other, &expected));
+        other.samples.clone_from(&expected.samples);
+        other.samples[0] = other.samples[1];
+        assert!(!is_like(&other, &expected), "none twice");
     }
 }
