@@ -102,7 +102,7 @@ impl Working {
                 Err(TryRecvError::Disconnected) => return gone(),
             }
         }
-        if !self.wanted.as_ref().is_some_and(|sender| sender.send(wanted.clone()).is_ok()) {
+        if self.wanted.as_ref().is_none_or(|sender| sender.send(wanted.clone()).is_err()) {
             return gone();
         }
         let answer = waiting::wait_for(&self.name, PATIENCE, |step| match self.made.recv_timeout(step) {
