@@ -277,6 +277,19 @@ impl Worker for DeviceWorker {
     }
 
     fn trace_all(&mut self, work: &[(Arc<Job>, Part)], tell: &mut dyn FnMut(Result<PartResult>)) {
+        // Rays of ray queries are waited for as soon as they are begun: whoever waits for the first part would wait for all.
+        let together = if self.tracer.has_hardware_rays() { 1 } else { work.len().max(1) };
+        let _ = work.chunks(together).all(|work| self.trace_together(work, tell));
+    }
+}
+
+impl DeviceWorker {
+    /// Begins with parts before it waits for any; false after a failure.
+    fn trace_together(
+        &mut self,
+        work: &[(Arc<Job>, Part)],
+        tell: &mut dyn FnMut(Result<PartResult>),
+    ) -> bool {
         let mut failed = false;
         let mut begun = Vec::with_capacity(work.len());
         for (job, part) in work {
@@ -299,6 +312,7 @@ impl Worker for DeviceWorker {
             }
             tell(done);
         }
+        !failed
     }
 }
 
