@@ -21,6 +21,7 @@ use crate::isolated::{self, PATIENCE, stage};
 use crate::private_file::user_folder;
 use crate::progress;
 use crate::scene::Environment;
+use crate::trace::hardware::shader_words;
 use crate::trace::{SceneData, Settings, Tracer, Traversals, source};
 
 /// Both are timed so many times, unless ray queries are beyond hope before: slower by this factor.
@@ -77,12 +78,14 @@ fn pair_key(device: &Device, context: &Context, traversals: Traversals) -> u128 
     let mut hash = Xxh3::new();
     hash.update(&key(device).to_le_bytes());
     hash.update(source::text().as_bytes());
+    hash.update(shader_words());
     for text in
         [report.name.as_str(), &report.api_version, traversals.pixels.name(), traversals.bundles.name()]
     {
         hash.update(text.as_bytes());
         hash.update(&[0]);
     }
+    hash.update(&report.driver_version.to_le_bytes());
     hash.update(&report.uuid);
     hash.digest128()
 }
@@ -138,6 +141,7 @@ fn frame_ms(tracer: &mut Tracer) -> Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::interop::{self, Sharing};
     use crate::gpu::opencl::device;
     use crate::gpu::vulkan::ContextOptions;
     use crate::trace::Traversal;
@@ -166,7 +170,9 @@ mod tests {
         std::fs::write(kept(), "damaged").unwrap();
         let (_, told) = of(true).unwrap();
         println!("{told}");
-        let has = Context::new(&ContextOptions { ray_queries: true, ..ContextOptions::default() });
-        assert_eq!(told.contains("was measured to take"), has.unwrap().traces_rays(), "{told}");
+        let context =
+            Context::new(&ContextOptions { ray_queries: true, ..ContextOptions::default() }).unwrap();
+        let can = context.traces_rays() && interop::probe(&device, &context) == Sharing::ZeroCopy;
+        assert_eq!(told.contains("was measured to take"), can, "{told}");
     }
 }

@@ -42,8 +42,8 @@ pub enum What {
     },
     /// Frames with rays by ray queries of a Vulkan device, beside those by the kernels.
     RayQueries {
-        /// The Vulkan device's name.
-        vulkan: String,
+        /// The Vulkan device's name and UUID: several devices may have the same name, or names that begin with it.
+        vulkan: (String, [u8; 16]),
         /// The kernels' variants.
         traversals: Traversals,
     },
@@ -121,7 +121,8 @@ pub fn ray_queries(
     traversals: Traversals,
     patience: Duration,
 ) -> Result<FrameTimes, String> {
-    let what = What::RayQueries { vulkan: context.report().name.clone(), traversals };
+    let report = context.report();
+    let what = What::RayQueries { vulkan: (report.name.clone(), report.uuid), traversals };
     let answer = isolated::run(program, &what.on(device), patience).map_err(|f: Failure| f.to_string())?;
     serde_json::from_str(&answer).unwrap_or_else(|e| Err(e.to_string()))
 }
@@ -152,9 +153,10 @@ pub fn work(task: &str) -> Result<()> {
                 opened.and_then(|device| try_kernels(&device, &features, depth, traversals).map_err(text));
             serde_json::to_string(&found)
         }
-        What::RayQueries { vulkan, traversals } => {
+        What::RayQueries { vulkan: (name, uuid), traversals } => {
             stage("asking Vulkan");
-            let options = ContextOptions { device: Some(vulkan), ray_queries: true, ..Default::default() };
+            let (device, uuid) = (Some(name), Some(uuid));
+            let options = ContextOptions { device, uuid, ray_queries: true, ..Default::default() };
             let measured = |device| measure(&device, &Context::new(&options)?, traversals);
             let found: Result<FrameTimes, String> = opened.and_then(|device| measured(device).map_err(text));
             serde_json::to_string(&found)

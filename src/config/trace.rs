@@ -59,9 +59,11 @@ pub enum Indirect {
 pub enum HardwareRaysConfig {
     /// The kernels trace all rays.
     Off,
-    /// Where that is not possible it is an error.
+    /// Where the devices cannot do that, or have no room for the scene, it is an error. The kernels trace scenes in which
+    /// something moves, and a note says so.
     On,
-    /// Where it is possible, and clearly faster by a measurement at the first start.
+    /// Where it is possible, and clearly faster by a measurement at the first start; else the kernels trace all rays, with a
+    /// note where that is the scene's doing.
     Auto,
 }
 

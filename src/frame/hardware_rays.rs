@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::frame::Loaded;
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::Context;
+use crate::trace::RayQueryDevice;
 
 /// Who traces rays, and why.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,23 +22,27 @@ pub enum RaysBy {
 impl RaysBy {
     /// What settings, devices and, where these leave it to that, a measurement say; `shared`: the devices share memory.
     pub fn of(config: &Config, device: &Device, context: &Context, shared: bool) -> RaysBy {
+        Self::by_settings(config, context, shared).unwrap_or_else(|| {
+            let traversals = config.trace.traversal.on(device).traversals;
+            let (faster, told) = hardware::compare(device, context, traversals);
+            if faster { RaysBy::RayQueries(told) } else { RaysBy::Kernels(told) }
+        })
+    }
+
+    /// What settings and devices say; none where they leave it to a measurement.
+    fn by_settings(config: &Config, context: &Context, shared: bool) -> Option<RaysBy> {
         let wanted = config.trace.hardware_rays;
         if wanted == HardwareRaysConfig::Off {
-            return RaysBy::Kernels("trace.hardware_rays is off".to_string());
+            return Some(RaysBy::Kernels("trace.hardware_rays is off".to_string()));
         }
         if config.trace.traversal == TraversalConfig::Packet {
-            return RaysBy::Kernels("trace.traversal is packet".to_string());
+            return Some(RaysBy::Kernels("trace.traversal is packet".to_string()));
         }
-        let missing = missing(context, shared);
-        match (wanted, missing) {
-            (HardwareRaysConfig::On, Some(missing)) => RaysBy::Nobody(missing),
-            (HardwareRaysConfig::On, None) => RaysBy::RayQueries("trace.hardware_rays is on".to_string()),
-            (_, Some(missing)) => RaysBy::Kernels(missing),
-            (_, None) => {
-                let traversals = config.trace.traversal.on(device).traversals;
-                let (faster, told) = hardware::compare(device, context, traversals);
-                if faster { RaysBy::RayQueries(told) } else { RaysBy::Kernels(told) }
-            }
+        let on = wanted == HardwareRaysConfig::On;
+        match missing(context, shared) {
+            Some((what, next)) if on => Some(RaysBy::Nobody(format!("{what}; {next}"))),
+            Some((what, _)) => Some(RaysBy::Kernels(what)),
+            None => on.then(|| RaysBy::RayQueries("trace.hardware_rays is on".to_string())),
         }
     }
 
@@ -50,39 +55,50 @@ impl RaysBy {
         }
     }
 
-    /// Whether ray queries trace a scene's rays, with a sentence for the operator where the scene keeps them from it.
+    /// The device whose ray queries trace a scene's rays, if they do, with a sentence for the operator where the scene keeps
+    /// them from it. Nothing is measured for scenes that they cannot trace.
     ///
     /// # Errors
     /// [`Error::Setting`] where settings want what is not there.
-    pub(super) fn for_scene(&self, loaded: &Loaded) -> Result<(bool, Option<String>)> {
-        match self {
+    pub(super) fn for_scene(
+        config: &Config,
+        (device, context): (&Device, &Context),
+        shared: bool,
+        loaded: &Loaded,
+    ) -> Result<(Option<RayQueryDevice>, Option<String>)> {
+        let required = config.trace.hardware_rays == HardwareRaysConfig::On;
+        let decided = Self::by_settings(config, context, shared);
+        let may = matches!(decided, None | Some(RaysBy::RayQueries(_)));
+        if may && loaded.parted.is_some() {
+            let do_or_may = if required { "do" } else { "may" };
+            let told = format!(
+                "the kernels trace all rays of this scene, since parts of it move; with --animation none ray queries \
+                 {do_or_may}, where nothing is held or worn"
+            );
+            return Ok((None, Some(told)));
+        }
+        match decided.unwrap_or_else(|| Self::of(config, device, context, shared)) {
             RaysBy::Nobody(why) => Err(Error::setting("trace.hardware_rays", why)),
-            RaysBy::Kernels(_) => Ok((false, None)),
-            RaysBy::RayQueries(_) if loaded.parted.is_some() => {
-                let told = "the kernels trace all rays of this scene, since parts of it move; with \
-                            --animation none ray queries do, where nothing is held or worn";
-                Ok((false, Some(told.to_string())))
-            }
-            RaysBy::RayQueries(_) => Ok((true, None)),
+            RaysBy::Kernels(_) => Ok((None, None)),
+            RaysBy::RayQueries(_) => Ok((Some(RayQueryDevice { context: context.clone(), required }), None)),
         }
     }
 }
 
-/// What keeps ray queries from tracing, and the next step.
-fn missing(context: &Context, shared: bool) -> Option<String> {
+/// What keeps ray queries from tracing, and the next step where they are wanted.
+fn missing(context: &Context, shared: bool) -> Option<(String, &'static str)> {
     let report = context.report();
     let name = &report.name;
     if let Some(lacks) = &report.lacks_ray_queries {
-        return Some(format!(
-            "{name} lacks {lacks}; set it to off, or choose another device by devices.vulkan"
-        ));
+        let next = "set trace.hardware_rays=off, or choose another device by devices.vulkan";
+        return Some((format!("{name} lacks {lacks}"), next));
     }
     if !context.traces_rays() {
-        return Some(format!(
-            "{name} was opened without ray queries; set it to off, or open it with ContextOptions::ray_queries"
-        ));
+        let next = "set trace.hardware_rays=off, or open it with ContextOptions::ray_queries";
+        return Some((format!("{name} was opened without ray queries"), next));
     }
-    let told = "samples are copied to it from the OpenCL device, whose memory it does not share; set it to off, or see \
-                `foveate devices`";
-    (!shared).then(|| format!("{name} cannot read rays in place: {told}"))
+    let what = format!(
+        "{name} cannot read rays in place: samples are copied to it from the OpenCL device, whose memory it does not share"
+    );
+    (!shared).then_some((what, "set trace.hardware_rays=off, or see `foveate devices`"))
 }

@@ -21,12 +21,11 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::worker::{DeviceWorker, Job, PartResult, Worker};
+use super::worker::{DeviceWorker, Job, PartResult, RayQueryDevice, Worker};
 use super::{SceneData, Traversals};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
-use crate::gpu::vulkan::Context;
 use crate::progress;
 use crate::waiting::{self, Limits};
 use thread::{Answer, Order, work};
@@ -115,7 +114,8 @@ impl Fleet {
     }
 
     /// The same where some devices are known to be of no use, and why: they are left out with that sentence. The rays of
-    /// the first, which writes in place, may be traced by ray queries of the presenting one, until it fails.
+    /// the first, which writes in place, may be traced by ray queries of the presenting one, until it fails; a note tells
+    /// where they cannot be and need not.
     ///
     /// # Errors
     /// As [`Fleet::of_devices`].
@@ -123,7 +123,7 @@ impl Fleet {
         devices: &[Tried],
         data: &Arc<SceneData>,
         direct: bool,
-        rays: Option<&Context>,
+        rays: Option<&RayQueryDevice>,
     ) -> Result<Fleet> {
         let opener = |(index, (device, traversals)): (usize, &Tried)| {
             let (device, traversals, data) = (device.clone(), traversals.clone(), data.clone());
@@ -138,7 +138,7 @@ impl Fleet {
                     .clone()
                     .map_err(|problem| Error::Device { device: device.info().name.clone(), problem })?;
                 Ok(Box::new(match (times, &rays) {
-                    (0, Some(rays)) => DeviceWorker::with_hardware_rays(&device, &data, rays)?,
+                    (0, Some(rays)) => DeviceWorker::with_hardware_rays(&device, &data, rays, traversals)?,
                     (0, None) => DeviceWorker::new(&device, &data, traversals, direct && index == 0)?,
                     (_, _) => DeviceWorker::reopen(device.info(), &data, traversals)?,
                 }))
@@ -344,7 +344,8 @@ impl Fleet {
             |why: &str| if others { format!("{why}; the others do its part") } else { why.to_string() };
         let member = &mut self.members[index];
         match answer {
-            Answer::Opened(Ok(())) => {
+            Answer::Opened(Ok(note)) => {
+                self.notes.extend(note);
                 if member.failed {
                     self.notes.push(format!("{} takes part again", member.name));
                 }

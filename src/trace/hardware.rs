@@ -47,6 +47,11 @@ const SHADER: Shader = Shader {
     push: size_of::<Job>() as u32,
 };
 
+/// The shader as drivers get it: what is measured of it depends on it.
+pub(crate) fn shader_words() -> &'static [u8] {
+    SHADER.words
+}
+
 /// As `Job` of `kernels/rays.wgsl`.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
@@ -99,8 +104,12 @@ impl HardwareRays {
     /// Builds the acceleration structure of a scene; `most` is how many groups of rays are under way at most.
     ///
     /// # Errors
-    /// [`Error::Device`] where the device has no room for it, refuses the shader, or is lost.
+    /// [`Error::Device`] where the device has no ray queries switched on, has no room for it, refuses the shader, or is lost.
     pub fn new(context: &Context, data: &SceneData, most: usize) -> Result<Self> {
+        if !context.traces_rays() {
+            let problem = "it has no ray queries switched on; open it with ContextOptions::ray_queries";
+            return Err(Error::Device { device: context.report().name.clone(), problem: problem.into() });
+        }
         let plane_bytes = (GROUP * RAY_WORDS + 3) as u64 * size_of::<u32>() as u64;
         Ok(HardwareRays {
             context: context.clone(),

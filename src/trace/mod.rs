@@ -39,4 +39,4 @@ pub use moving::{DeformedBy, MovingScene, SceneState};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneContents, SceneData, tree_bytes};
 pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, camera, try_kernels};
 pub use traversal::{Traversal, Traversals};
-pub use worker::{DeviceWorker, Job, PartResult, SampleTarget, Worker};
+pub use worker::{DeviceWorker, Job, PartResult, RayQueryDevice, SampleTarget, Worker};

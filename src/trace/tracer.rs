@@ -216,6 +216,11 @@ impl Tracer {
         })
     }
 
+    /// Whether ray queries trace its rays: then the host waits for them wherever work is begun.
+    pub fn has_hardware_rays(&self) -> bool {
+        self.hardware.is_some()
+    }
+
     /// The device.
     pub fn device(&self) -> &Device {
         &self.device

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{InFlight, SceneData, SceneState, Settings, SkyState, TracePattern, Tracer, Traversals};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::interop::Shared;
@@ -92,11 +92,25 @@ pub trait Worker: Send {
         }
     }
 
+    /// What the operator should know of how it was opened.
+    fn note(&self) -> Option<String> {
+        None
+    }
+
     /// After a failure: the device is gone for good, and its driver may hang when it is told to let go of
     /// what was there.
     fn is_lost(&self) -> bool {
         false
     }
+}
+
+/// The presenting device, whose ray queries are to trace rays.
+#[derive(Clone, Debug)]
+pub struct RayQueryDevice {
+    /// The device.
+    pub context: Context,
+    /// Whether it is an error where they cannot trace a scene's rays; else the kernels do.
+    pub required: bool,
 }
 
 /// A device with a scene.
@@ -109,6 +123,7 @@ pub struct DeviceWorker {
     /// Steps that its cache of light has made.
     light: u64,
     views: Vec<Option<OwnView>>,
+    note: Option<String>,
 }
 
 /// A part that the device works on.
@@ -147,28 +162,35 @@ impl DeviceWorker {
     /// Where the device fails its self-test, or the scene does not fit.
     pub fn new(device: &Device, data: &SceneData, traversals: Traversals, direct: bool) -> Result<Self> {
         let slices = if device.info().kind == "cpu" { 4 } else { 1 };
-        Ok(DeviceWorker {
-            tracer: Tracer::open(device, data, traversals)?,
-            direct,
-            slices,
-            light: 0,
-            views: Vec::new(),
-        })
+        Ok(Self::with_tracer(Tracer::open(device, data, traversals)?, direct, slices))
+    }
+
+    fn with_tracer(tracer: Tracer, direct: bool, slices: u32) -> Self {
+        DeviceWorker { tracer, direct, slices, light: 0, views: Vec::new(), note: None }
     }
 
     /// The first device of a fleet, which writes landings in place, with rays that the presenting device's ray queries trace:
-    /// see [`Tracer::with_hardware_rays`].
+    /// see [`Tracer::with_hardware_rays`]. Where these cannot and need not, its kernels trace them in the given variants, and
+    /// [`Worker::note`] tells why.
     ///
     /// # Errors
-    /// As [`DeviceWorker::new`], for both devices.
-    pub fn with_hardware_rays(device: &Device, data: &SceneData, rays: &Context) -> Result<Self> {
-        Ok(DeviceWorker {
-            tracer: Tracer::with_hardware_rays(device, data, rays)?,
-            direct: true,
-            slices: 1,
-            light: 0,
-            views: Vec::new(),
-        })
+    /// As [`DeviceWorker::new`], and where ray queries are required and the presenting device has no room for the scene.
+    pub fn with_hardware_rays(
+        device: &Device,
+        data: &SceneData,
+        rays: &RayQueryDevice,
+        traversals: Traversals,
+    ) -> Result<Self> {
+        match Tracer::with_hardware_rays(device, data, &rays.context) {
+            Ok(tracer) => Ok(Self::with_tracer(tracer, true, 1)),
+            Err(error) if rays.required => Err(or_without_ray_queries(error)),
+            Err(error) => {
+                let why = format!(
+                    "the kernels trace all rays, since ray queries could not take this scene: {error}"
+                );
+                Ok(DeviceWorker { note: Some(why), ..Self::new(device, data, traversals, true)? })
+            }
+        }
     }
 
     /// Opens a device anew, as after a failure.
@@ -267,7 +289,21 @@ impl DeviceWorker {
     }
 }
 
+/// An error of a device, with the setting by which its kernels trace all rays as another next step.
+fn or_without_ray_queries(error: Error) -> Error {
+    match error {
+        Error::Device { device, problem } => {
+            Error::Device { device, problem: format!("{problem}; or set trace.hardware_rays=off") }
+        }
+        other => other,
+    }
+}
+
 impl Worker for DeviceWorker {
+    fn note(&self) -> Option<String> {
+        self.note.clone()
+    }
+
     fn is_lost(&self) -> bool {
         !self.tracer.device().is_available()
     }
@@ -277,6 +313,19 @@ impl Worker for DeviceWorker {
     }
 
     fn trace_all(&mut self, work: &[(Arc<Job>, Part)], tell: &mut dyn FnMut(Result<PartResult>)) {
+        // Rays of ray queries are waited for as soon as they are begun: whoever waits for the first part would wait for all.
+        let together = if self.tracer.has_hardware_rays() { 1 } else { work.len().max(1) };
+        let _ = work.chunks(together).all(|work| self.trace_together(work, tell));
+    }
+}
+
+impl DeviceWorker {
+    /// Begins with parts before it waits for any; false after a failure.
+    fn trace_together(
+        &mut self,
+        work: &[(Arc<Job>, Part)],
+        tell: &mut dyn FnMut(Result<PartResult>),
+    ) -> bool {
         let mut failed = false;
         let mut begun = Vec::with_capacity(work.len());
         for (job, part) in work {
@@ -299,6 +348,7 @@ impl Worker for DeviceWorker {
             }
             tell(done);
         }
+        !failed
     }
 }
 

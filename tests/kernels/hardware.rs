@@ -6,9 +6,10 @@ use std::sync::Arc;
 use foveate::bvh::instances::over_instances;
 use foveate::bvh::{Trees, WideBvh};
 use foveate::config::{Config, HardwareRaysConfig, Samples, Stereo};
+use foveate::foveation::Workload;
 use foveate::frame::stereo::parallel_eyes;
 use foveate::frame::{Loaded, Output, Plan, Renderer};
-use foveate::gpu::interop::{self, Sharing};
+use foveate::gpu::interop::{self, Shared, Sharing};
 use foveate::gpu::opencl::Device;
 use foveate::gpu::vulkan::{Context, ContextOptions};
 use foveate::layout::HitRecord;
@@ -18,7 +19,9 @@ use foveate::scene::generate::{demo, voxel_town};
 use foveate::scene::instanced::{Instance, Instanced, InstancedShape};
 use foveate::scene::{Environment, Scene, default_viewpoint};
 use foveate::trace::probe::shape_of;
-use foveate::trace::{Settings, Traversal};
+use foveate::trace::{
+    DeviceWorker, Fleet, Job, RayQueryDevice, SampleTarget, SceneData, Settings, Traversal, Worker,
+};
 use glam::{DMat4, DQuat, DVec3, Vec3};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, Picture, all_pixels, on_every_device, view};
@@ -277,31 +280,107 @@ fn frames_are_those_of_the_kernels() {
 #[test]
 fn what_keeps_ray_queries_from_tracing_is_told() {
     on_shared_memory(|device, context| {
+        use HardwareRaysConfig::{Auto, Off, On};
         let still = Loaded::from_glb("demo", &demo::generate(), &Config::default()).unwrap();
         let make = |context: &Context, loaded: &Loaded, by| {
             Renderer::new(device, context, loaded, &config(by), Output::Display).map(|made| made.0)
         };
         // A context that was opened without them, and memory that is not shared.
         let plain = Context::new(&ContextOptions::default()).unwrap();
-        let refused = make(&plain, &still, HardwareRaysConfig::On).err().unwrap().to_string();
+        let refused = make(&plain, &still, On).err().unwrap().to_string();
         assert!(refused.contains("trace.hardware_rays") && refused.contains("opened without"), "{refused}");
-        let on = config(HardwareRaysConfig::On);
+        let on = config(On);
         let staged = Renderer::with_sharing(device, context, &still, &on, Output::Display, Sharing::Staged);
         let refused = staged.err().unwrap().to_string();
         assert!(refused.contains("trace.hardware_rays") && refused.contains("does not share"), "{refused}");
-        // Where things move the kernels trace, and say so.
+        // Where things move the kernels trace, and say so; nothing is measured before.
         let folder = tempfile::tempdir().unwrap();
         let file = world(false).write_glb(folder.path());
         let loaded = Loaded::moving_from_file(&file, &Config::default()).unwrap();
         let plan = Plan::mono(lookout(&loaded.scene));
-        let pictures = [HardwareRaysConfig::Off, HardwareRaysConfig::On].map(|by| {
+        let pictures = [Off, On, Auto].map(|by| {
             let mut renderer = make(context, &loaded, by).unwrap();
             renderer.frame(&plan, &[], 0).unwrap();
             let notes = renderer.take_notes();
-            assert_eq!(notes.len(), usize::from(by == HardwareRaysConfig::On), "{notes:?}");
+            assert_eq!(notes.len(), usize::from(by != Off), "{notes:?}");
             assert!(notes.iter().all(|note| note.contains("since parts of it move")), "{notes:?}");
             renderer.picture().unwrap()
         });
-        assert!(pictures[0] == pictures[1], "the kernels trace both");
+        assert!(pictures.iter().all(|picture| *picture == pictures[0]), "the kernels trace all");
+    });
+}
+
+fn packed(scene: &Scene) -> SceneData {
+    let tree = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    SceneData::pack(scene, &tree, &Environment::constant(Vec3::ONE)).unwrap()
+}
+
+/// As where there is no room for acceleration structures.
+#[test]
+fn what_ray_queries_cannot_take_the_kernels_trace_unless_these_are_wanted() {
+    let Ok(context) = Context::new(&ContextOptions::default()) else {
+        println!("not run: no Vulkan device");
+        return;
+    };
+    let data = Arc::new(packed(&demo_scene()));
+    on_every_device(|device| {
+        let tried = [(device.clone(), Ok(Traversal::SingleRay.into()))];
+        let fleet = |required| {
+            let rays = RayQueryDevice { context: context.clone(), required };
+            Fleet::of_tried(&tried, &data, true, Some(&rays))
+        };
+        let notes = fleet(false).unwrap().take_notes();
+        let told = "the kernels trace all rays, since ray queries could not take this scene: ";
+        assert!(notes.len() == 1 && notes[0].starts_with(told), "{notes:?}");
+        let refused = fleet(true).err().unwrap().to_string();
+        assert!(refused.ends_with("; or set trace.hardware_rays=off"), "{refused}");
+    });
+}
+
+/// Whoever waits for the first view need not wait for the rays of the second.
+#[test]
+fn the_first_view_is_told_before_the_second_begins() {
+    on_shared_memory(|device, context| {
+        let scene = demo_scene();
+        let (data, view) = (packed(&scene), lookout(&scene));
+        let settings = Settings { rays: 1, guided: false, ..PLAIN };
+        let work = [0, 1].map(|index| {
+            let pattern = Arc::new(all_pixels(&view));
+            let workload = Arc::new(Workload::new(&pattern, settings.guided));
+            let samples = Shared::new(Some(device), context, pattern.samples.len()).unwrap();
+            let sample_target = Arc::new(SampleTarget { samples, visibility: None });
+            let part = workload.whole();
+            let (light, state, sky, direct, timed_apart) = (0, None, None, false, false);
+            let job = Job {
+                index,
+                view,
+                settings,
+                light,
+                state,
+                sky,
+                pattern,
+                workload,
+                sample_target,
+                direct,
+                timed_apart,
+            };
+            (Arc::new(job), part)
+        });
+        // Devices hold the patterns of views that they have begun with.
+        let holders = || Arc::strong_count(&work[1].0.pattern);
+        let begun = |mut worker: DeviceWorker| {
+            let (before, mut found) = (holders(), Vec::new());
+            worker.trace_all(&work, &mut |done| {
+                done.unwrap();
+                found.push(holders() > before);
+            });
+            found
+        };
+        let rays = RayQueryDevice { context: context.clone(), required: true };
+        let single = Traversal::SingleRay.into();
+        let queries = DeviceWorker::with_hardware_rays(device, &data, &rays, single).unwrap();
+        assert_eq!(begun(queries), [false, true]);
+        // The kernels' rays wait in the queue: both views begin before any is waited for.
+        assert_eq!(begun(DeviceWorker::new(device, &data, single, true).unwrap()), [true, true]);
     });
 }

@@ -288,7 +288,7 @@ impl Presentation<'_> {
             run.teller.watch.tell()?;
         }
         run.teller.watch.asks();
-        drop(session);
+        session.close();
         run.teller.watch.works();
         ended
     }

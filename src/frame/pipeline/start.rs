@@ -169,9 +169,8 @@ fn fleet(
     sharing: Sharing,
 ) -> Result<Fleet> {
     let direct = sharing == Sharing::ZeroCopy;
-    let by = devices.first().map(|device| RaysBy::of(config, device, context, direct));
-    let (in_hardware, note) = by.map_or(Ok((false, None)), |by| by.for_scene(loaded))?;
-    let rays = in_hardware.then_some(context);
+    let by = |device| RaysBy::for_scene(config, (device, context), direct, loaded);
+    let (rays, note) = devices.first().map_or(Ok((None, None)), by)?;
     let environment = fitting_environment(&loaded.environment, devices);
     let mut data = SceneData::pack(&loaded.scene, loaded.trees(), &environment)?;
     data.depth = loaded.depth();
@@ -183,7 +182,7 @@ fn fleet(
     }
     let data = Arc::new(data);
     let walking = |(index, device): (usize, &Device)| {
-        let choice = match rays {
+        let choice = match &rays {
             // Rays in memory are those of this variant.
             Some(_) if index == 0 => Choice::forced(Traversal::SingleRay),
             _ => config.trace.traversal.on(device),
@@ -195,7 +194,7 @@ fn fleet(
         (device.clone(), traversals)
     };
     let tried: Vec<_> = devices.iter().enumerate().map(walking).collect();
-    let mut fleet = Fleet::of_tried(&tried, &data, direct, rays)?;
+    let mut fleet = Fleet::of_tried(&tried, &data, direct, rays.as_ref())?;
     note.into_iter().for_each(|note| fleet.note(note));
     Ok(fleet)
 }

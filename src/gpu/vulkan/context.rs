@@ -26,6 +26,8 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 pub struct ContextOptions {
     /// Take the first device whose name contains this, ignoring case; otherwise the preferred kind.
     pub device: Option<String>,
+    /// Take only a device with this [`DeviceReport::uuid`].
+    pub uuid: Option<[u8; 16]>,
     /// Load the validation layer and keep its messages: see [`Context::validation_messages`].
     pub validation: bool,
     /// Instance extensions to require, for a window's surface.
@@ -211,6 +213,11 @@ impl Context {
         u64::from(self.0.limits.max_storage_buffer_range)
     }
 
+    /// How many pieces of memory there can be at a time, for all that is made from the context.
+    pub fn most_allocations(&self) -> u32 {
+        self.0.limits.max_memory_allocation_count
+    }
+
     /// Bytes of the largest memory of the device's own.
     pub fn memory_size(&self) -> u64 {
         let memory = &self.0.memory;
@@ -297,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn devices_are_chosen_by_kind_and_name() {
+    fn devices_are_chosen_by_kind_name_and_uuid() {
         let Some(context) = testing::context() else { return };
         let list = devices().unwrap();
         let best = list.iter().filter(|device| device.unusable.is_none()).map(|device| device.kind).min();
@@ -309,6 +316,11 @@ mod tests {
         let error = Context::new(&none).unwrap_err();
         assert!(matches!(error, Error::NoDevice { .. }), "{error}");
         assert!(error.to_string().contains(&context.report().name), "{error}");
+        let of = |uuid| Context::new(&ContextOptions { uuid: Some(uuid), ..ContextOptions::default() });
+        let uuid = context.report().uuid;
+        assert_eq!(of(uuid).unwrap().report().uuid, uuid);
+        let error = of(uuid.map(|byte| !byte)).unwrap_err().to_string();
+        assert!(error.contains("none that can be used has the UUID"), "{error}");
         let lacking = ContextOptions {
             device_extensions: vec![c"VK_FOVEATE_nothing".to_owned()],
             ..ContextOptions::default()

@@ -77,6 +77,8 @@ pub struct Session {
     space: xr::Space,
     floor: Floor,
     waiter: Waiter,
+    /// Its queue is the runtime's too: see [`vulkan::open`].
+    context: Context,
     stream: xr::FrameStream<xr::Vulkan>,
     session: xr::Session<xr::Vulkan>,
     instance: xr::Instance,
@@ -167,6 +169,7 @@ impl Session {
             hands,
             space,
             waiter,
+            context: context.clone(),
             stream,
             floor,
             session,
@@ -235,13 +238,22 @@ impl Session {
         }
     }
 
+    /// Takes the session down while nobody submits to the queue, for which runtimes may wait.
+    pub fn close(self) {
+        let context = self.context.clone();
+        let _queue = context.queue();
+        drop(self);
+    }
+
     /// Whether [`Session::request_exit`] was called.
     pub fn exiting(&self) -> bool {
         self.exit.is_some()
     }
 
     fn begin(&mut self, (state, arrived): (xr::FrameState, i64)) -> Outcome<Frame> {
+        let queue = self.context.queue();
         self.stream.begin().called("xrBeginFrame")?;
+        drop(queue);
         let predicted = state.predicted_display_time.as_nanos();
         let period = state.predicted_display_period.as_nanos();
         let time = self.clock.frame(Told { time: predicted, period, arrived });

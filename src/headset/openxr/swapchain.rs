@@ -71,6 +71,8 @@ struct Chain {
     /// The image that is held, and whether the compositor has read it.
     acquired: Option<(usize, bool)>,
     instance: xr::Instance,
+    /// Nobody submits to its queue where the runtime may.
+    context: Context,
 }
 
 /// How long an image for a view is waited for in one frame.
@@ -79,6 +81,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 impl Chain {
     fn new(
         session: &xr::Session<xr::Vulkan>,
+        context: &Context,
         format: vk::Format,
         usage: xr::SwapchainUsageFlags,
         (width, height): (u32, u32),
@@ -97,7 +100,8 @@ impl Chain {
         let chain = session.create_swapchain(&info).called("xrCreateSwapchain")?;
         let images = chain.enumerate_images().called("xrEnumerateSwapchainImages")?;
         let images = images.into_iter().map(vk::Image::from_raw).collect();
-        Ok(Chain { chain, images, acquired: None, instance: session.instance().clone() })
+        let instance = session.instance().clone();
+        Ok(Chain { chain, images, acquired: None, instance, context: context.clone() })
     }
 
     /// The next image to draw into, once the compositor has read it; `None` where that takes too long: then
@@ -105,7 +109,10 @@ impl Chain {
     fn acquire(&mut self, patience: Duration) -> Outcome<Option<(usize, vk::Image)>> {
         let (index, ready) = match self.acquired {
             Some(acquired) => acquired,
-            None => (self.chain.acquire_image().called("xrAcquireSwapchainImage")? as usize, false),
+            None => {
+                let _queue = self.context.queue();
+                (self.chain.acquire_image().called("xrAcquireSwapchainImage")? as usize, false)
+            }
         };
         self.acquired = Some((index, ready));
         if !ready && !self.wait(patience)? {
@@ -143,6 +150,7 @@ impl Chain {
             ty: sys::SwapchainImageReleaseInfo::TYPE,
             next: std::ptr::null(),
         };
+        let _queue = self.context.queue();
         // SAFETY: as in `wait`.
         let code = unsafe { (self.instance.fp().release_swapchain_image)(self.chain.as_raw(), &info) };
         if code.into_raw() < 0 { Err(Fault::of("xrReleaseSwapchainImage", code)) } else { Ok(()) }
@@ -180,8 +188,8 @@ impl ViewImages {
     ) -> Outcome<ViewImages> {
         use xr::SwapchainUsageFlags as Usage;
         let copied = if formats.copied { Usage::TRANSFER_SRC } else { Usage::EMPTY };
-        let color = Chain::new(session, formats.color, Usage::COLOR_ATTACHMENT | copied, size)?;
-        let depth = |format| Chain::new(session, format, Usage::DEPTH_STENCIL_ATTACHMENT, size);
+        let color = Chain::new(session, context, formats.color, Usage::COLOR_ATTACHMENT | copied, size)?;
+        let depth = |format| Chain::new(session, context, format, Usage::DEPTH_STENCIL_ATTACHMENT, size);
         let depth = formats.depth.map(depth).transpose()?;
         Ok(ViewImages { targets: HashMap::new(), color, depth, context: context.clone(), formats, size })
     }

@@ -12,7 +12,9 @@ use crate::gpu::vulkan::{
     Context, ContextOptions, RawContext, RayQueryFeatures, queue_family, sharing_extensions,
 };
 
-/// Makes instance and device as the runtime wants them, with the extensions that windows need.
+/// Makes instance and device as the runtime wants them, with the extensions that windows need. The runtime submits to the
+/// context's queue where XR_KHR_vulkan_enable2 lets it, in xrBeginFrame, xrEndFrame, xrAcquireSwapchainImage and
+/// xrReleaseSwapchainImage: they are called with [`Context::queue`] held, since threads that trace submit rays at any time.
 pub fn open(instance: &xr::Instance, system: xr::SystemId, options: &ContextOptions) -> Outcome<Context> {
     let wanted = xr::Version::new(1, 1, 0);
     let offered =
@@ -45,7 +47,7 @@ pub fn open(instance: &xr::Instance, system: xr::SystemId, options: &ContextOpti
                 ray_queries,
             };
             // SAFETY: the handles are valid, belong together, and are nobody else's to destroy; the
-            // runtime uses the queue inside its calls only, which are made while no one submits.
+            // runtime uses the queue in calls only that are made while its lock is held.
             Ok(unsafe { Context::from_raw(raw) })
         }
         Err(fault) => {
@@ -162,6 +164,7 @@ pub fn session(
         queue_family_index: context.queue_family(),
         queue_index: 0,
     };
+    let _queue = context.queue();
     // SAFETY: the handles were made for this system through this instance, and live as long as the guard.
     unsafe { instance.create_session_with_guard::<xr::Vulkan>(system, &info, Box::new(context.clone())) }
         .called("xrCreateSession")

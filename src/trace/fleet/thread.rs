@@ -20,7 +20,8 @@ pub(super) struct Order {
 }
 
 pub(super) enum Answer {
-    Opened(std::result::Result<(), String>),
+    /// What the operator should know of it, or why it cannot be used.
+    Opened(std::result::Result<Option<String>, String>),
     /// The round that it belongs to, how long it took since the order or the answer before, and the result. After a
     /// failure nothing is left of the order.
     Traced(u64, Duration, std::result::Result<Box<PartResult>, String>),
@@ -31,7 +32,7 @@ pub(super) fn work(index: usize, open: &Opener, orders: &Receiver<Order>, answer
     let mut pause = RETRY;
     for times in 0.. {
         let opened = open(times);
-        let told = opened.as_ref().map(drop).map_err(ToString::to_string);
+        let told = opened.as_ref().map(|worker| worker.note()).map_err(ToString::to_string);
         if answer.send((index, Answer::Opened(told))).is_err() {
             return;
         }

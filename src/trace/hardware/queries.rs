@@ -54,7 +54,7 @@ impl RayQueries {
     /// Builds the acceleration structure of a scene for a context that traces rays.
     ///
     /// # Errors
-    /// Where the scene cannot be packed, the device has no room for it, or is lost.
+    /// Where the scene cannot be packed, the context has no ray queries switched on, the device has no room for it, or is lost.
     pub fn new<'a>(context: &Context, scene: &Scene, trees: impl Into<Trees<'a>>) -> Result<Self> {
         let data = SceneData::pack(scene, trees, &Environment::constant(glam::Vec3::ZERO))?;
         HardwareRays::new(context, &data, MOST).map(RayQueries)

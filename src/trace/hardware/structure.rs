@@ -5,12 +5,16 @@ use std::collections::hash_map::Entry;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::vulkan::{
     BottomLevel, BufferRef, Commands, Context, DeviceBuffer, HostBuffer, Placement, TopLevel, Triangles,
 };
 use crate::layout::{TRIANGLE_ALPHA, TRIANGLE_DOUBLE_SIDED};
 use crate::trace::scene_buffers::{PlacedShape, SceneData};
+
+/// Bottom levels have memory of their own, each a piece: they take this share of those that there can be, so that pictures,
+/// samples and drivers have theirs.
+const SHARE_OF_ALLOCATIONS: u32 = 2;
 
 /// The scene, and how its triangles are called.
 pub(super) struct Structure {
@@ -49,13 +53,27 @@ impl Structure {
     /// Builds it: of each shape a bottom level of the triangles that are seen from the front alone, and one of those that
     /// are seen from both sides or have alpha, which are met from any side, since the kernels look at them again.
     pub fn of(context: &Context, data: &SceneData) -> Result<Self> {
+        let most_levels = context.most_allocations() / SHARE_OF_ALLOCATIONS;
+        Self::within(context, data, Limits { most_levels, list_bytes: context.storage_range() })
+    }
+
+    fn within(context: &Context, data: &SceneData, limits: Limits) -> Result<Self> {
+        let name = &context.report().name;
+        let mut levels_built = 0;
         let (mut placements, mut placed, mut places) = (Vec::new(), Vec::new(), Vec::new());
         let mut built: HashMap<u32, Vec<Level>> = HashMap::new();
         for shape in data.placed_shapes() {
             let first = shape.places.start;
             let levels = match built.entry(first) {
                 Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(new) => new.insert(levels_of(context, data, &shape, &mut places)?),
+                Entry::Vacant(new) => {
+                    limits.check_levels(name, levels_built + 1)?;
+                    let levels = levels_of(context, data, &shape, &mut places)?;
+                    levels_built += levels.len();
+                    limits.check_levels(name, levels_built)?;
+                    limits.check_list(name, "triangles", size_of_val(&places[..]))?;
+                    new.insert(levels)
+                }
             };
             for level in levels {
                 placements.push(Placement {
@@ -66,9 +84,38 @@ impl Structure {
                 placed.push(Placed { first: level.first, more: shape.first_triangle.wrapping_sub(first) });
             }
         }
+        limits.check_list(name, "placements", size_of_val(&placed[..]))?;
         let top = TopLevel::build(context, &placements)?;
         Ok(Structure { top, placed: upload(context, &placed)?, places: upload(context, &places)? })
     }
+}
+
+/// What a device has room for.
+struct Limits {
+    most_levels: u32,
+    /// Bytes of a list that the shader reads.
+    list_bytes: u64,
+}
+
+impl Limits {
+    fn check_levels(&self, device: &str, levels: usize) -> Result<()> {
+        let most = self.most_levels;
+        let problem =
+            || format!("it has room for {most} shapes that rays are traced through, and the scene has more");
+        if levels as u64 > u64::from(most) { Err(smaller(device, problem())) } else { Ok(()) }
+    }
+
+    fn check_list(&self, device: &str, of: &str, bytes: usize) -> Result<()> {
+        let most = self.list_bytes;
+        let problem = || {
+            format!("its shaders read lists of {} MiB, and that of the scene's {of} is longer", most >> 20)
+        };
+        if bytes as u64 > most { Err(smaller(device, problem())) } else { Ok(()) }
+    }
+}
+
+fn smaller(device: &str, problem: String) -> Error {
+    Error::Device { device: device.to_string(), problem: format!("{problem}; use a smaller scene") }
 }
 
 /// Values in the device's own memory, where each hit asks for them.
@@ -116,4 +163,35 @@ fn levels_of(
         places.extend(gathered.places);
     }
     Ok(levels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bvh::WideBvh;
+    use crate::gpu::vulkan::ContextOptions;
+    use crate::scene::Environment;
+    use crate::scene::Scene;
+    use crate::scene::generate::demo;
+    use crate::trace::probe::shape_of;
+
+    #[test]
+    fn scenes_that_a_device_has_no_room_for_are_refused() {
+        let context = Context::new(&ContextOptions { ray_queries: true, ..ContextOptions::default() });
+        let Some(context) = context.ok().filter(Context::traces_rays) else {
+            println!("not run: no Vulkan device has ray queries");
+            return;
+        };
+        let scene = shape_of(Scene::from_glb(std::path::Path::new("demo.glb"), &demo::generate()).unwrap());
+        let tree = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+        let data = SceneData::pack(&scene, &tree, &Environment::constant(glam::Vec3::ONE)).unwrap();
+        let refused = |most_levels, list_bytes| {
+            let made = Structure::within(&context, &data, Limits { most_levels, list_bytes });
+            made.err().map(|error| error.to_string()).unwrap_or_default()
+        };
+        let (shapes, lists) = (refused(0, u64::MAX), refused(8, 64));
+        assert!(shapes.contains("has room for 0 shapes") && shapes.contains("smaller scene"), "{shapes}");
+        assert!(lists.contains("scene's triangles is longer"), "{lists}");
+        assert_eq!(refused(8, context.storage_range()), "");
+    }
 }

@@ -48,6 +48,8 @@ pub struct DeviceReport {
     pub kind: DeviceKind,
     /// The highest Vulkan version that it offers, as `major.minor.patch`.
     pub api_version: String,
+    /// VkPhysicalDeviceProperties::driverVersion, as the driver counts.
+    pub driver_version: u32,
     /// VkPhysicalDeviceIDProperties::deviceUUID, the same in OpenCL's `cl_khr_device_uuid`.
     pub uuid: [u8; 16],
     /// Whether memory of the host can be imported (VK_EXT_external_memory_host).
@@ -131,6 +133,7 @@ pub(super) fn report(
             vk::api_version_minor(version),
             vk::api_version_patch(version)
         ),
+        driver_version: properties.driver_version,
         uuid: ids.device_uuid,
         imports_host_memory: extensions.contains(ash::ext::external_memory_host::NAME),
         exports_memory: extensions.contains(handle::VULKAN_EXTENSION),
@@ -151,6 +154,7 @@ pub(super) fn select(instance: &ash::Instance, options: &ContextOptions) -> Resu
         devices.iter().map(|&device| report(instance, device, &options.device_extensions)).collect();
     let named = |report: &DeviceReport| {
         options.device.as_ref().is_none_or(|name| report.name.to_lowercase().contains(&name.to_lowercase()))
+            && options.uuid.is_none_or(|uuid| report.uuid == uuid)
     };
     let best = (0..devices.len())
         .filter(|&index| reports[index].unusable.is_none() && named(&reports[index]))
@@ -170,6 +174,9 @@ fn why_none(reports: &[DeviceReport], options: &ContextOptions) -> String {
         })
         .collect();
     match &options.device {
+        _ if options.uuid.is_some() => {
+            format!("none that can be used has the UUID that is asked for; there are: {}", list.join(", "))
+        }
         Some(name) => format!("none that can be used is named \"{name}\"; there are: {}", list.join(", ")),
         None => format!("there are: {}; update the driver", list.join(", ")),
     }

@@ -114,6 +114,7 @@ impl Session {
         let mut layers: Vec<&xr::CompositionLayerBase<xr::Vulkan>> = Vec::new();
         layers.extend(shown.map(|_| &*layer));
         layers.extend(quad.iter().map(|quad| &**quad));
+        let _queue = self.context.queue();
         self.stream.end(self.display_time, self.blend, &layers)
     }
 }

@@ -104,3 +104,12 @@ fn a_scene_of_nothing_is_missed() {
     assert!(!found[0].hit && !found[0].open, "{found:?}");
     testing::assert_valid(&context);
 }
+
+#[test]
+fn a_context_without_ray_queries_is_refused() {
+    let Some(context) = testing::context() else { return };
+    let scene = squares();
+    let tree = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    let refused = RayQueries::new(&context, &scene, &tree).unwrap_err().to_string();
+    assert!(refused.contains("open it with ContextOptions::ray_queries"), "{refused}");
+}
