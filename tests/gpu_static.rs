@@ -71,7 +71,7 @@ const ALLOWED: [Limit; 22] = [
     limit("deform_vertices", [40, 0], [51, 0]),
     limit("place_triangles", [36, 0], [31, 0]),
     limit("fit_nodes", [64, 0], [53, 0]),
-    limit("select_pixel", [39, 0], [15, 0]),
+    limit("select_pixel", [39, 0], [16, 0]),
     limit("", [36, 0], [23, 0]),
 ];
 
