@@ -20,7 +20,7 @@ use foveate::math::view::{FieldOfView, View};
 use foveate::metrics::stats::median;
 use foveate::reconstruct::{Mode, Reconstruction, Settings};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::trace::pattern_maker::{PatternMaker, Wanted};
+use foveate::trace::pattern_maker::{PatternMaker, PatternRequest};
 use glam::{DQuat, DVec2, DVec3};
 
 /// Where the eye looks, one after the other.
@@ -123,7 +123,7 @@ fn jumps(
         std::hint::black_box(Cells::new(width, height, &pattern.samples).expect("cells"));
         let on_host = start.elapsed().as_secs_f64() * 1e3;
         let start = Instant::now();
-        let wanted = Wanted { view, law, gaze, count, hidden: None, lens: None };
+        let wanted = PatternRequest { view, law, gaze, count, hidden: None, lens: None };
         let (pattern, cells) = maker.choose(&wanted).expect("a pattern");
         let on_device = start.elapsed().as_secs_f64() * 1e3;
         let size = (width, height);

@@ -15,7 +15,7 @@
 // Pixels that a group counts.
 #define COUNTED 16384
 // Work-items that scan or select together.
-#define TEAM 64
+#define SCAN_GROUP 64
 
 #if GROUP == 1
 #define COUNT(bin) (*(bin))++
@@ -193,12 +193,12 @@ __kernel void count_keys(__global const uint *keys, uint count, uint shift, uint
     }
 }
 
-// The limit's RADIX_BITS bits from `shift` on, by a group of TEAM; clears the histogram. At first, with `asked` above 0, so many
+// The limit's RADIX_BITS bits from `shift` on, by a group of SCAN_GROUP; clears the histogram. At first, with `asked` above 0, so many
 // keys are to be taken, but at most those that are not hidden.
 __kernel void select_key(uint shift, uint asked, uint count, __global uint *selection, __global uint *histogram) {
-    __local uint sums[TEAM];
+    __local uint sums[SCAN_GROUP];
     __global Selection *known = (__global Selection *)selection;
-    const uint own = BINS / TEAM;
+    const uint own = BINS / SCAN_GROUP;
     const uint item = get_local_id(0);
     uint sum = 0;
     for (uint bin = item * own; bin < (item + 1) * own; ++bin) {
@@ -217,11 +217,11 @@ __kernel void select_key(uint shift, uint asked, uint count, __global uint *sele
         // Nothing to take: the limit is below every key.
         uint settled = wanted == 0;
         if (!settled) {
-            uint team = 0;
-            while (below + sums[team] < wanted) {
-                below += sums[team++];
+            uint chunk = 0;
+            while (below + sums[chunk] < wanted) {
+                below += sums[chunk++];
             }
-            bin = team * own;
+            bin = chunk * own;
             while (below + histogram[bin] < wanted) {
                 below += histogram[bin++];
             }
@@ -238,14 +238,14 @@ __kernel void select_key(uint shift, uint asked, uint count, __global uint *sele
     }
 }
 
-// Of pixels whose keys are just the limit, the last that is taken: by a group of TEAM, where not all are.
+// Of pixels whose keys are just the limit, the last that is taken: by a group of SCAN_GROUP, where not all are.
 __kernel void select_pixel(__global const uint *keys, uint count, __global uint *selection) {
-    __local uint sums[TEAM];
+    __local uint sums[SCAN_GROUP];
     __global Selection *known = (__global Selection *)selection;
     if (known->settled) {
         return;
     }
-    const uint own = (count + TEAM - 1) / TEAM;
+    const uint own = (count + SCAN_GROUP - 1) / SCAN_GROUP;
     const uint item = get_local_id(0);
     const uint first = min(item * own, count);
     const uint end = min(first + own, count);
@@ -337,22 +337,22 @@ __kernel void mark_samples(SampleLaw law, __global const uint *keys, __global co
     counts[block] = popcount(marked);
 }
 
-// Sums of runs of TEAM counts.
+// Sums of runs of SCAN_GROUP counts.
 __kernel void sum_counts(__global const uint *counts, uint count, __global uint *sums) {
     const uint run = get_global_id(0);
     uint sum = 0;
-    for (uint i = run * TEAM; i < min((run + 1) * TEAM, count); ++i) {
+    for (uint i = run * SCAN_GROUP; i < min((run + 1) * SCAN_GROUP, count); ++i) {
         sum += counts[i];
     }
-    if (run * TEAM < count) {
+    if (run * SCAN_GROUP < count) {
         sums[run] = sum;
     }
 }
 
-// Turns sums of runs into what is before them, by a group of TEAM.
+// Turns sums of runs into what is before them, by a group of SCAN_GROUP.
 __kernel void scan_sums(__global uint *sums, uint runs) {
-    __local uint parts[TEAM];
-    const uint own = (runs + TEAM - 1) / TEAM;
+    __local uint parts[SCAN_GROUP];
+    const uint own = (runs + SCAN_GROUP - 1) / SCAN_GROUP;
     const uint item = get_local_id(0);
     const uint first = min(item * own, runs);
     const uint end = min(first + own, runs);
@@ -377,16 +377,16 @@ __kernel void scan_sums(__global uint *sums, uint runs) {
 __kernel void scan_counts(__global const uint *counts, uint count, uint blocks, __global const uint *sums,
                           __global const uint *selection, __global uint *starts) {
     const uint run = get_global_id(0);
-    if (run * TEAM >= count) {
+    if (run * SCAN_GROUP >= count) {
         return;
     }
     const uint all = ((const __global Selection *)selection)->count;
     uint before = sums[run];
-    for (uint i = run * TEAM; i < min((run + 1) * TEAM, count); ++i) {
+    for (uint i = run * SCAN_GROUP; i < min((run + 1) * SCAN_GROUP, count); ++i) {
         starts[i] = i < blocks ? before : before - all;
         before += counts[i];
     }
-    if (run == (count - 1) / TEAM) {
+    if (run == (count - 1) / SCAN_GROUP) {
         starts[count] = before - all;
     }
 }

@@ -78,20 +78,20 @@ const ALLOWED: [Limit; 22] = [
 /// The same of kernels that are built for rays in hardware, where that is other or more: rays leave surfaces otherwise, and
 /// kernels stand on both sides of ray queries.
 const IN_HARDWARE: [Limit; 15] = [
-    limit("aim_pixels_at_sun", [64, 0], [69, 0]),
-    limit("aim_sun_rays", [40, 576], [28, 0]),
+    limit("generate_pixel_sun_rays", [64, 0], [69, 0]),
+    limit("generate_sun_rays", [40, 576], [28, 0]),
     limit("begin_samples", [154, 0], [141, 0]),
     limit("light_cells", [252, 416], [256, 480]),
-    limit("seek_sun_blockers", [122, 128], [138, 144]),
+    limit("generate_blocker_rays", [122, 128], [138, 144]),
     limit("settle_blends", [126, 128], [144, 144]),
     limit("shade_glass", [255, 408], [256, 992]),
     limit("shade_light_hits", [255, 168], [256, 240]),
     limit("shade_mirrors", [222, 128], [210, 144]),
     limit("shade_punctual", [124, 128], [142, 144]),
-    limit("take_pixel_hits", [87, 416], [111, 144]),
-    limit("take_pixels_sun", [94, 128], [102, 144]),
-    limit("take_sample_hits", [87, 416], [111, 144]),
-    limit("take_sun_blockers", [72, 128], [116, 144]),
+    limit("resolve_pixel_hits", [87, 416], [111, 144]),
+    limit("resolve_pixel_sun", [94, 128], [102, 144]),
+    limit("resolve_sample_hits", [87, 416], [111, 144]),
+    limit("resolve_blockers", [72, 128], [116, 144]),
     limit("trace_sun_rays", [128, 704], [138, 144]),
 ];
 

@@ -46,7 +46,7 @@ static HitRecord hit_through(const Scene *scene, const Camera *camera, uint x, u
 
 // Camera rays of the pixels of the tiles first .. first + count: ray i is work-item i's of `trace_pixels`. There are 32 rays in
 // each of the groups.
-__kernel void aim_pixel_rays(Camera camera, __global const uint *tiles, uint first, uint count, uint groups, __global uint *rays)
+__kernel void generate_pixel_rays(Camera camera, __global const uint *tiles, uint first, uint count, uint groups, __global uint *rays)
 {
     uint at = (uint)get_global_id(0), x, y, right, bottom;
     if (at >= 32u * groups)
@@ -60,7 +60,7 @@ __kernel void aim_pixel_rays(Camera camera, __global const uint *tiles, uint fir
 }
 
 // As trace_pixels writes them.
-__kernel void take_pixel_hits(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count, uint groups,
+__kernel void resolve_pixel_hits(SCENE_PARAMETERS, Camera camera, __global const uint *tiles, uint first, uint count, uint groups,
                               __global uint *rays, __global HitRecord *hits, uint seed)
 {
     Scene scene = SCENE_ARGUMENTS;
@@ -70,7 +70,7 @@ __kernel void take_pixel_hits(SCENE_PARAMETERS, Camera camera, __global const ui
 }
 
 // Camera rays of samples first .. first + count.
-__kernel void aim_sample_rays(Camera camera, __global const uint *samples, uint first, uint count, uint groups, __global uint *rays)
+__kernel void generate_sample_rays(Camera camera, __global const uint *samples, uint first, uint count, uint groups, __global uint *rays)
 {
     uint at = (uint)get_global_id(0);
     if (at >= 32u * groups)
@@ -84,7 +84,7 @@ __kernel void aim_sample_rays(Camera camera, __global const uint *samples, uint 
 }
 
 // As trace_samples writes them.
-__kernel void take_sample_hits(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count, uint groups,
+__kernel void resolve_sample_hits(SCENE_PARAMETERS, Camera camera, __global const uint *samples, uint first, uint count, uint groups,
                                __global uint *rays, __global HitRecord *hits)
 {
     Scene scene = SCENE_ARGUMENTS;
@@ -96,7 +96,7 @@ __kernel void take_sample_hits(SCENE_PARAMETERS, Camera camera, __global const u
 }
 
 // Rays to the sun's centre from what the pixels of the tiles first .. first + count see.
-__kernel void aim_pixels_at_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
+__kernel void generate_pixel_sun_rays(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
                                 uint groups, __global const HitRecord *hits, __global uint *rays)
 {
 #if HAS_SUN
@@ -116,7 +116,7 @@ __kernel void aim_pixels_at_sun(SCENE_PARAMETERS, Camera camera, Shading shading
 }
 
 // How much of the sun's light comes, as trace_sun leaves it. counters[0] sums the rays.
-__kernel void take_pixels_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
+__kernel void resolve_pixel_sun(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
                               uint groups, __global const HitRecord *hits, __global uint *rays, __global VisibilityRecord *records,
                               __global uint *counters)
 {
@@ -140,7 +140,7 @@ __kernel void take_pixels_sun(SCENE_PARAMETERS, Camera camera, Shading shading, 
 }
 
 // Rays of samples to the sun's disc: trace_sun_rays in three parts. Ray i of sample k of `count` is ray i * count + k.
-__kernel void aim_sun_rays(Camera camera, Shading asked, uint count, __global uint *states, __global uint *rays)
+__kernel void generate_sun_rays(Camera camera, Shading asked, uint count, __global uint *states, __global uint *rays)
 {
 #if HAS_SUN
     uint at = (uint)get_global_id(0), n = rays_to_sun(&asked);
@@ -160,7 +160,7 @@ __kernel void aim_sun_rays(Camera camera, Shading asked, uint count, __global ui
 }
 
 // Looks at what came of them, and aims a ray at what hides a part of the disc: ray k. counters[0] sums the rays.
-__kernel void seek_sun_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+__kernel void generate_blocker_rays(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
                                 __global const VisibilityRecord *visibility, __global uint *states, __global uint *rays,
                                 __global uint *counters)
 {
@@ -200,7 +200,7 @@ __kernel void seek_sun_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, 
 }
 
 // Notes how far away it is.
-__kernel void take_sun_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+__kernel void resolve_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
                                 __global const VisibilityRecord *visibility, __global uint *states, __global uint *rays)
 {
 #if HAS_SUN

@@ -160,6 +160,7 @@ mod tests {
             context.map(|context| compare_with_cache(&device, &context, traversals, Some(folder.path())))
         };
         let Ok((faster, told)) = of(false) else {
+            assert!(std::env::var("CI").as_deref() != Ok("true"), "no Vulkan device");
             println!("not run: no Vulkan device");
             return;
         };

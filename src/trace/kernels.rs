@@ -187,45 +187,45 @@ kernels! {
         counters: &Buffer<u32>,
     );
     /// Lays camera rays of pixels out for ray queries.
-    AimPixelRays = aim_pixel_rays(
+    GeneratePixelRays = generate_pixel_rays(
         camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, groups: u32, rays: &Buffer<u32>,
     );
     /// Takes what they have hit.
-    TakePixelHits = take_pixel_hits(
+    ResolvePixelHits = resolve_pixel_hits(
         scene: SceneOf, camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, groups: u32,
         rays: &Buffer<u32>, hits: &Buffer<HitRecord>, seed: u32,
     );
     /// Lays camera rays of samples out.
-    AimSampleRays = aim_sample_rays(
+    GenerateSampleRays = generate_sample_rays(
         camera: &Camera, samples: &Buffer<u32>, first: u32, count: u32, groups: u32, rays: &Buffer<u32>,
     );
     /// Takes what they have hit.
-    TakeSampleHits = take_sample_hits(
+    ResolveSampleHits = resolve_sample_hits(
         scene: SceneOf, camera: &Camera, samples: &Buffer<u32>, first: u32, count: u32, groups: u32,
         rays: &Buffer<u32>, hits: &Buffer<HitRecord>,
     );
     /// Lays rays from pixels to the sun out.
-    AimPixelsAtSun = aim_pixels_at_sun(
+    GeneratePixelSunRays = generate_pixel_sun_rays(
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32, groups: u32,
         hits: &Buffer<HitRecord>, rays: &Buffer<u32>,
     );
     /// Takes how much of the sun's light comes.
-    TakePixelsSun = take_pixels_sun(
+    ResolvePixelSun = resolve_pixel_sun(
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32, groups: u32,
         hits: &Buffer<HitRecord>, rays: &Buffer<u32>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
     );
     /// Lays rays from samples to the sun's disc out.
-    AimSunRays = aim_sun_rays(
+    GenerateSunRays = generate_sun_rays(
         camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, rays: &Buffer<u32>,
     );
     /// Looks at what came of them, and lays a ray to what hides a part of the disc out.
-    SeekSunBlockers = seek_sun_blockers(
+    GenerateBlockerRays = generate_blocker_rays(
         scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
         visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>,
         counters: &Buffer<u32>,
     );
     /// Takes how far away that is.
-    TakeSunBlockers = take_sun_blockers(
+    ResolveBlockers = resolve_blockers(
         scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
         visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>,
     );

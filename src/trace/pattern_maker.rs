@@ -25,8 +25,8 @@ use crate::math::blue_noise;
 use crate::math::view::View;
 pub use thread::Patterns;
 
-/// Work-items that scan or select together, and of a group elsewhere: TEAM of kernels/pattern.cl.
-const TEAM: usize = 64;
+/// Work-items that scan or select together, and of a group elsewhere: SCAN_GROUP of kernels/pattern.cl.
+const SCAN_GROUP: usize = 64;
 /// Pixels that a group counts, and values that it tells apart: COUNTED and BINS there.
 const COUNTED: usize = 16384;
 const BINS: usize = 1 << 12;
@@ -40,7 +40,7 @@ const SELECTED: usize = 4;
 
 /// What a pattern is wanted for.
 #[derive(Clone, Debug)]
-pub struct Wanted {
+pub struct PatternRequest {
     /// The view.
     pub view: View,
     /// How samples are spread.
@@ -55,10 +55,10 @@ pub struct Wanted {
     pub lens: Option<Arc<Lens>>,
 }
 
-impl Wanted {
+impl PatternRequest {
     /// The pattern as the host makes it.
     pub fn on_host(&self) -> Pattern {
-        let Wanted { view, law, gaze, count, .. } = self;
+        let PatternRequest { view, law, gaze, count, .. } = self;
         match (&self.lens, &self.hidden) {
             (Some(lens), _) => Pattern::through(view, law, *gaze, *count, lens),
             (None, Some(hidden)) => Pattern::with_mask(view, law, *gaze, *count, hidden),
@@ -168,7 +168,7 @@ impl PatternMaker {
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device has no room, is lost, or lists what cannot be.
-    pub fn choose(&mut self, wanted: &Wanted) -> Result<(Pattern, Cells)> {
+    pub fn choose(&mut self, wanted: &PatternRequest) -> Result<(Pattern, Cells)> {
         let (view, lens) = (&wanted.view, wanted.lens.as_deref());
         let hidden = wanted.hidden.as_deref().filter(|_| lens.is_none());
         let keys = Keys::new(view, &wanted.law, wanted.gaze, lens, hidden);
@@ -238,7 +238,7 @@ impl PatternMaker {
         (pixels, asked, blocks, counts): (usize, usize, usize, usize),
     ) -> Result<()> {
         let (kernels, room) = (&self.kernels, &self.room);
-        let team = |items: usize| Grid { items, group: TEAM };
+        let groups = |items: usize| Grid { items, group: SCAN_GROUP };
         // A row of a repetition of the mask each.
         let rows = (law.width as usize).div_ceil(blue_noise::SIZE) * law.height as usize;
         kernels.sample_keys.launch(
@@ -262,13 +262,13 @@ impl PatternMaker {
             let (selection, histogram) = (&room.selection, &room.histogram);
             kernels.count_keys.launch(counting, &room.keys, count, shift, found, selection, histogram)?;
             let asked = if found == 32 { asked as u32 } else { 0 };
-            kernels.select_key.launch(team(TEAM), shift, asked, count, selection, histogram)?;
+            kernels.select_key.launch(groups(SCAN_GROUP), shift, asked, count, selection, histogram)?;
         }
-        kernels.select_pixel.launch(team(TEAM), &room.keys, count, &room.selection)?;
+        kernels.select_pixel.launch(groups(SCAN_GROUP), &room.keys, count, &room.selection)?;
         let (order, marks, listed) = (&room.order, &room.marks, &room.counts);
         let block_count = blocks as u32;
         kernels.mark_samples.launch(
-            team(blocks),
+            groups(blocks),
             law,
             &room.keys,
             order,
@@ -277,14 +277,14 @@ impl PatternMaker {
             marks,
             listed,
         )?;
-        let (runs, all) = (counts.div_ceil(TEAM), counts as u32);
-        kernels.sum_counts.launch(team(runs), listed, all, &room.sums)?;
-        kernels.scan_sums.launch(team(TEAM), &room.sums, runs as u32)?;
+        let (runs, all) = (counts.div_ceil(SCAN_GROUP), counts as u32);
+        kernels.sum_counts.launch(groups(runs), listed, all, &room.sums)?;
+        kernels.scan_sums.launch(groups(SCAN_GROUP), &room.sums, runs as u32)?;
         let (sums, starts) = (&room.sums, &room.starts);
-        kernels.scan_counts.launch(team(runs), listed, all, block_count, sums, &room.selection, starts)?;
+        kernels.scan_counts.launch(groups(runs), listed, all, block_count, sums, &room.selection, starts)?;
         let (samples, sorted) = (&room.samples, &room.sorted);
         kernels.list_samples.launch(
-            team(blocks),
+            groups(blocks),
             law,
             order,
             block_count,
@@ -335,7 +335,7 @@ impl Room {
         enlarge(device, &mut self.keys, pixels)?;
         enlarge(device, &mut self.marks, blocks)?;
         enlarge(device, &mut self.counts, counts)?;
-        enlarge(device, &mut self.sums, counts.div_ceil(TEAM))?;
+        enlarge(device, &mut self.sums, counts.div_ceil(SCAN_GROUP))?;
         enlarge(device, &mut self.starts, counts + 1)?;
         enlarge(device, &mut self.samples, asked)?;
         enlarge(device, &mut self.sorted, asked)

@@ -319,6 +319,7 @@ fn packed(scene: &Scene) -> SceneData {
 #[test]
 fn what_ray_queries_cannot_take_the_kernels_trace_unless_these_are_wanted() {
     let Ok(context) = Context::new(&ContextOptions::default()) else {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "no Vulkan device");
         println!("not run: no Vulkan device");
         return;
     };

@@ -13,7 +13,7 @@ use crate::foveation::{BitMask, Law, Pattern, Workload, spaced};
 use crate::frame::meter::Metered;
 use crate::gpu::interop::{Shared, Sharing};
 use crate::math::view::{FieldOfView, View};
-use crate::trace::pattern_maker::Wanted;
+use crate::trace::pattern_maker::PatternRequest;
 use crate::trace::{SampleTarget, State};
 
 /// One traced view's pattern and the memory that its samples travel in.
@@ -70,7 +70,7 @@ impl Renderer {
         };
         let lens = self.lenses.get(index).cloned();
         let (gaze, hidden) = (request.gaze, request.hidden.clone());
-        let wanted = Wanted { view: *view, law, gaze, count, hidden, lens };
+        let wanted = PatternRequest { view: *view, law, gaze, count, hidden, lens };
         let made = if self.chooses(index, &wanted) { self.patterns.choose(&wanted) } else { None };
         let (pattern, cells) =
             made.map_or_else(|| (wanted.on_host(), None), |(pattern, cells)| (pattern, Some(cells)));
@@ -82,7 +82,7 @@ impl Renderer {
 
     /// Whether the first device is to choose a view's samples: its first pattern may be its last, where each pixel has a sample
     /// there is nothing to choose, and a device that is late or has failed would be waited for.
-    fn chooses(&self, index: usize, wanted: &Wanted) -> bool {
+    fn chooses(&self, index: usize, wanted: &PatternRequest) -> bool {
         let moves = self.views.get(index).is_some();
         let some = wanted.law != Law::Full && wanted.count < wanted.view.pixels();
         moves && some && *self.scheduler.fleet().state(0) == State::Ready

@@ -179,6 +179,7 @@ mod tests {
     fn scenes_that_a_device_has_no_room_for_are_refused() {
         let context = Context::new(&ContextOptions { ray_queries: true, ..ContextOptions::default() });
         let Some(context) = context.ok().filter(Context::traces_rays) else {
+            assert!(std::env::var("CI").as_deref() != Ok("true"), "no Vulkan device has ray queries");
             println!("not run: no Vulkan device has ray queries");
             return;
         };

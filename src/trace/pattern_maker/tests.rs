@@ -13,7 +13,7 @@ fn view(width: u32, height: u32) -> View {
 }
 
 /// Holds a device's pattern and cells to those of the host.
-fn check(maker: &mut PatternMaker, wanted: &Wanted) {
+fn check(maker: &mut PatternMaker, wanted: &PatternRequest) {
     let case = format!("{} {} {:?} {}", wanted.law, wanted.gaze, wanted.view, wanted.count);
     let (pattern, cells) = maker.choose(wanted).unwrap();
     let expected = wanted.on_host();
@@ -42,7 +42,7 @@ fn patterns_are_those_of_the_host() {
     {
         let view = view(width, height);
         for (law, gaze) in LAWS.iter().flat_map(|law| gazes.map(|gaze| (law.parse().unwrap(), gaze))) {
-            let wanted = Wanted { view, law, gaze, count, hidden: None, lens: None };
+            let wanted = PatternRequest { view, law, gaze, count, hidden: None, lens: None };
             check(&mut maker, &wanted);
         }
     }
@@ -55,10 +55,10 @@ fn patterns_of_uneven_pixels_are_those_of_the_host() {
         let (gaze, law) = (DVec2::new(gaze, 0.6), law.parse().unwrap());
         let view = spaced(&view(1280, 800), gaze, 0.022, 1.0);
         assert!(!view.spacing.is_even());
-        let wanted = Wanted { view, law, gaze, count: 30_000, hidden: None, lens: None };
+        let wanted = PatternRequest { view, law, gaze, count: 30_000, hidden: None, lens: None };
         check(&mut maker, &wanted);
         let hidden = BitMask::from_fn(1280, 800, |x, y| (x / 7 + y / 5) % 3 == 0);
-        check(&mut maker, &Wanted { hidden: Some(Arc::new(hidden)), ..wanted });
+        check(&mut maker, &PatternRequest { hidden: Some(Arc::new(hidden)), ..wanted });
     }
 }
 
@@ -74,12 +74,12 @@ fn hidden_pixels_and_lenses_count_as_on_the_host() {
     let lens = Arc::new(lens);
     let gaze = DVec2::new(0.4, 0.55);
     for law in LAWS.map(|law| law.parse().unwrap()) {
-        let wanted = Wanted { view, law, gaze, count: 5000, hidden: None, lens: None };
-        check(&mut maker, &Wanted { lens: Some(lens.clone()), ..wanted.clone() });
+        let wanted = PatternRequest { view, law, gaze, count: 5000, hidden: None, lens: None };
+        check(&mut maker, &PatternRequest { lens: Some(lens.clone()), ..wanted.clone() });
         for count in [1, 5000, visible - 1, visible, view.pixels()] {
-            check(&mut maker, &Wanted { hidden: Some(hidden.clone()), count, ..wanted.clone() });
+            check(&mut maker, &PatternRequest { hidden: Some(hidden.clone()), count, ..wanted.clone() });
         }
-        check(&mut maker, &Wanted { hidden: Some(all.clone()), ..wanted });
+        check(&mut maker, &PatternRequest { hidden: Some(all.clone()), ..wanted });
     }
 }
 
@@ -92,7 +92,7 @@ fn groups_that_count_together_choose_the_same() {
     let hidden = Arc::new(BitMask::from_fn(640, 401, |x, y| x < 9 || y % 4 == 0));
     for (x, hidden) in [(0.3, None), (0.7, Some(hidden))] {
         let gaze = DVec2::new(x, 0.4);
-        check(&mut maker, &Wanted { view, law, gaze, count: 20_000, hidden, lens: None });
+        check(&mut maker, &PatternRequest { view, law, gaze, count: 20_000, hidden, lens: None });
     }
 }
 
@@ -103,6 +103,6 @@ fn of_equal_keys_the_first_pixels_are_taken() {
     let Some(mut maker) = maker() else { return };
     let (view, law, gaze) = (view(65536, 3), Law::Uniform, DVec2::splat(0.5));
     for count in (50_000..51_000).step_by(23) {
-        check(&mut maker, &Wanted { view, law, gaze, count, hidden: None, lens: None });
+        check(&mut maker, &PatternRequest { view, law, gaze, count, hidden: None, lens: None });
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use glam::DVec2;
 
-use super::{PatternMaker, Wanted};
+use super::{PatternMaker, PatternRequest};
 use crate::foveation::{Cells, Law, Pattern};
 use crate::gpu::opencl::Device;
 use crate::math::pose::Pose;
@@ -31,7 +31,7 @@ pub struct Patterns {
 
 struct Working {
     name: String,
-    wanted: Option<Sender<Wanted>>,
+    wanted: Option<Sender<PatternRequest>>,
     /// The first says that kernels are built.
     made: Receiver<Answer>,
     thread: Option<JoinHandle<()>>,
@@ -46,7 +46,7 @@ impl Patterns {
 
     /// A pattern, with its samples sorted for searches. `None` while kernels are built, and where the device has failed:
     /// then the host makes it.
-    pub fn choose(&mut self, wanted: &Wanted) -> Option<Made> {
+    pub fn choose(&mut self, wanted: &PatternRequest) -> Option<Made> {
         if let Some(device) = self.idle.take() {
             self.working = Working::begin(device, wanted.clone());
         }
@@ -69,8 +69,8 @@ impl Patterns {
 impl Working {
     /// Has kernels built, and used once for a pattern like the first one wanted, since drivers end building at launches.
     /// None where there is no thread for it.
-    fn begin(device: Device, first: Wanted) -> Option<Self> {
-        let ((wanted, received), (answer, made)) = (channel::<Wanted>(), channel());
+    fn begin(device: Device, first: PatternRequest) -> Option<Self> {
+        let ((wanted, received), (answer, made)) = (channel::<PatternRequest>(), channel());
         let name = device.info().name.clone();
         let work = move || {
             let mut maker = match proven(&device, &first) {
@@ -92,7 +92,7 @@ impl Working {
     }
 
     /// A pattern, or none where kernels are not built yet.
-    fn choose(&mut self, wanted: &Wanted) -> Answer {
+    fn choose(&mut self, wanted: &PatternRequest) -> Answer {
         let gone = || Err(format!("{} answers no more", self.name));
         if !self.ready {
             match self.made.try_recv() {
@@ -135,7 +135,7 @@ impl Drop for Working {
 }
 
 /// A maker that has made a small pattern as the host does, and one like the first that is wanted.
-fn proven(device: &Device, first: &Wanted) -> Result<PatternMaker, String> {
+fn proven(device: &Device, first: &PatternRequest) -> Result<PatternMaker, String> {
     let text = |error: crate::Error| error.to_string();
     let mut maker = PatternMaker::new(device).map_err(text)?;
     let (pattern, _) = maker.choose(&small()).map_err(text)?;
@@ -158,11 +158,18 @@ fn is_like(pattern: &Pattern, expected: &Pattern) -> bool {
 }
 
 /// A pattern to look at what a device makes of it.
-fn small() -> Wanted {
+fn small() -> PatternRequest {
     let fov = FieldOfView::symmetric(1.0, 1.0);
     let spacing = Default::default();
     let view = View { world_from_eye: Pose::IDENTITY, fov, width: 128, height: 96, spacing };
-    Wanted { view, law: Law::default(), gaze: DVec2::splat(0.5), count: 800, hidden: None, lens: None }
+    PatternRequest {
+        view,
+        law: Law::default(),
+        gaze: DVec2::splat(0.5),
+        count: 800,
+        hidden: None,
+        lens: None,
+    }
 }
 
 #[cfg(test)]
@@ -192,7 +199,7 @@ mod tests {
 
     /// Asks somebody whose thread does this with each pattern wanted.
     fn asked(work: impl Fn(&Sender<Answer>) + Send + 'static) -> (bool, Vec<String>) {
-        let ((wanted, received), (answer, made)) = (channel::<Wanted>(), channel());
+        let ((wanted, received), (answer, made)) = (channel::<PatternRequest>(), channel());
         let thread = std::thread::spawn(move || received.iter().for_each(|_| work(&answer)));
         let (name, wanted, thread) = ("it".to_string(), Some(wanted), Some(thread));
         let working = Working { name, wanted, made, thread, ready: true };

@@ -10,8 +10,8 @@ use crate::layout::{Camera, HitRecord, Shading, VisibilityRecord};
 use crate::scene::Features;
 use crate::trace::hardware::{GROUP, HardwareRays, PLANE_ORIGIN, PLANE_OWN_ORIGIN, Rays};
 use crate::trace::kernels::{
-    AimPixelRays, AimPixelsAtSun, AimSampleRays, AimSunRays, Grid, SceneOf, SeekSunBlockers, TakePixelHits,
-    TakePixelsSun, TakeSampleHits, TakeSunBlockers,
+    GenerateBlockerRays, GeneratePixelRays, GeneratePixelSunRays, GenerateSampleRays, GenerateSunRays, Grid,
+    ResolveBlockers, ResolvePixelHits, ResolvePixelSun, ResolveSampleHits, SceneOf,
 };
 use crate::trace::{SceneData, Traversal};
 
@@ -30,15 +30,15 @@ pub(in crate::trace) struct Tiles<'a> {
 #[derive(Debug)]
 pub(in crate::trace) struct Hardware {
     rays: HardwareRays,
-    aim_pixel_rays: AimPixelRays,
-    take_pixel_hits: TakePixelHits,
-    aim_sample_rays: AimSampleRays,
-    take_sample_hits: TakeSampleHits,
-    aim_pixels_at_sun: AimPixelsAtSun,
-    take_pixels_sun: TakePixelsSun,
-    aim_sun_rays: AimSunRays,
-    seek_sun_blockers: SeekSunBlockers,
-    take_sun_blockers: TakeSunBlockers,
+    generate_pixel_rays: GeneratePixelRays,
+    resolve_pixel_hits: ResolvePixelHits,
+    generate_sample_rays: GenerateSampleRays,
+    resolve_sample_hits: ResolveSampleHits,
+    generate_pixel_sun_rays: GeneratePixelSunRays,
+    resolve_pixel_sun: ResolvePixelSun,
+    generate_sun_rays: GenerateSunRays,
+    generate_blocker_rays: GenerateBlockerRays,
+    resolve_blockers: ResolveBlockers,
     /// Whether rays may meet triangles with alpha, which kernels look at.
     alpha: bool,
 }
@@ -54,15 +54,15 @@ impl Hardware {
         let most = samples_under_way(device.info()).max(GROUPS_PER_TILE);
         Ok(Hardware {
             rays: HardwareRays::new(context, data, most)?,
-            aim_pixel_rays: AimPixelRays::of(program)?,
-            take_pixel_hits: TakePixelHits::of(program)?,
-            aim_sample_rays: AimSampleRays::of(program)?,
-            take_sample_hits: TakeSampleHits::of(program)?,
-            aim_pixels_at_sun: AimPixelsAtSun::of(program)?,
-            take_pixels_sun: TakePixelsSun::of(program)?,
-            aim_sun_rays: AimSunRays::of(program)?,
-            seek_sun_blockers: SeekSunBlockers::of(program)?,
-            take_sun_blockers: TakeSunBlockers::of(program)?,
+            generate_pixel_rays: GeneratePixelRays::of(program)?,
+            resolve_pixel_hits: ResolvePixelHits::of(program)?,
+            generate_sample_rays: GenerateSampleRays::of(program)?,
+            resolve_sample_hits: ResolveSampleHits::of(program)?,
+            generate_pixel_sun_rays: GeneratePixelSunRays::of(program)?,
+            resolve_pixel_sun: ResolvePixelSun::of(program)?,
+            generate_sun_rays: GenerateSunRays::of(program)?,
+            generate_blocker_rays: GenerateBlockerRays::of(program)?,
+            resolve_blockers: ResolveBlockers::of(program)?,
             alpha: features.alpha,
         })
     }
@@ -112,13 +112,14 @@ impl Hardware {
             let first = tiles.first + first;
             let (rays, _) = self.rays.buffers()?;
             let grid = grid(groups);
-            let aimed = self.aim_pixel_rays.launch(grid, camera, tiles.list, first, count, groups, rays)?;
+            let aimed =
+                self.generate_pixel_rays.launch(grid, camera, tiles.list, first, count, groups, rays)?;
             let origin = (PLANE_OWN_ORIGIN, 1);
             let traced = self.trace(Rays { groups, count: groups * GROUP as u32, origin })?;
             let (rays, _) = self.rays.buffers()?;
             let list = tiles.list;
             let taken = self
-                .take_pixel_hits
+                .resolve_pixel_hits
                 .launch(grid, scene, camera, list, first, count, groups, rays, hits, seed)?;
             steps.extend([aimed.into(), traced, taken.into()]);
         }
@@ -148,11 +149,12 @@ impl Hardware {
             let first = start + first;
             let (rays, _) = self.rays.buffers()?;
             let grid = grid(groups);
-            let aimed = self.aim_sample_rays.launch(grid, camera, samples, first, count, groups, rays)?;
+            let aimed =
+                self.generate_sample_rays.launch(grid, camera, samples, first, count, groups, rays)?;
             let traced = self.trace(Rays { groups, count, origin: (PLANE_OWN_ORIGIN, 1) })?;
             let (rays, _) = self.rays.buffers()?;
             let taken = self
-                .take_sample_hits
+                .resolve_sample_hits
                 .launch(grid, scene, camera, samples, first, count, groups, rays, hits)?;
             steps.extend([aimed.into(), traced, taken.into()]);
         }
@@ -176,12 +178,12 @@ impl Hardware {
             let (rays, _) = self.rays.buffers()?;
             let grid = grid(groups);
             let aimed = self
-                .aim_pixels_at_sun
+                .generate_pixel_sun_rays
                 .launch(grid, scene, camera, shading, list, first, count, groups, hits, rays)?;
             let all = groups * GROUP as u32;
             let traced = self.trace(Rays { groups, count: all, origin: (PLANE_OWN_ORIGIN, all) })?;
             let (rays, _) = self.rays.buffers()?;
-            let taken = self.take_pixels_sun.launch(
+            let taken = self.resolve_pixel_sun.launch(
                 grid, scene, camera, shading, list, first, count, groups, hits, rays, records, counters,
             )?;
             steps.extend([aimed.into(), traced, taken.into()]);
@@ -195,16 +197,16 @@ impl Hardware {
         let of_samples = Grid { items: count as usize, group: Traversal::SingleRay.group() };
         let origin = (PLANE_ORIGIN, count);
         let (rays, _) = self.rays.buffers()?;
-        let aimed = self.aim_sun_rays.launch(grid(count), camera, shading, count, states, rays)?;
+        let aimed = self.generate_sun_rays.launch(grid(count), camera, shading, count, states, rays)?;
         let traced = self.trace(Rays { groups: count, count: to_sun * count, origin })?;
         let (rays, _) = self.rays.buffers()?;
-        let sought = self.seek_sun_blockers.launch(
+        let sought = self.generate_blocker_rays.launch(
             of_samples, scene, camera, shading, samples, first, count, visibility, states, rays, counters,
         )?;
         let found = self.trace(Rays { groups: count, count, origin })?;
         let (rays, _) = self.rays.buffers()?;
         let taken = self
-            .take_sun_blockers
+            .resolve_blockers
             .launch(of_samples, scene, camera, shading, samples, first, count, visibility, states, rays)?;
         Ok(vec![aimed.into(), traced, sought.into(), found, taken.into()])
     }
