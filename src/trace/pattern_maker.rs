@@ -1,7 +1,7 @@
 //! Patterns made where they are used: `kernels/pattern.cl` on a tracing device.
 //!
-//! A device that gets a new gaze in each frame chooses samples in a fraction of the time that a processor takes. The list,
-//! which the host and other devices need too, is read back; nothing on the host goes over pixels or samples.
+//! With an eye tracker the gaze is new in each frame, and a graphics card would wait for the host each time. The list, which
+//! the host and other devices need too, is read back; nothing on the host goes over pixels or samples.
 //! [`Pattern::new`] and those beside it make the same patterns, to the bit where the device rounds divisions and roots
 //! correctly: they serve until the kernels are built, after a failure, and as the tests' reference.
 
