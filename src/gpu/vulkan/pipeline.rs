@@ -168,6 +168,9 @@ impl RayPipeline {
     ///
     /// # Errors
     /// [`Error::Kernel`] if the driver cannot compile it.
+    ///
+    /// # Panics
+    /// If the context has no ray queries switched on.
     pub fn new(context: &Context, shader: &Shader, entry: &str) -> Result<Self> {
         assert!(context.traces_rays(), "{} has no ray queries switched on", context.report().name);
         Pipeline::compute(context, shader, entry, true).map(RayPipeline)
