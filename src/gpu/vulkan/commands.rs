@@ -1,6 +1,7 @@
 //! Recording, submitting and timing.
 #![allow(unsafe_code)]
 
+mod bindings;
 mod pictures;
 mod rays;
 
@@ -10,6 +11,7 @@ use std::time::Instant;
 
 use ash::vk;
 
+use self::bindings::Bindings;
 use super::acceleration::TopLevel;
 use super::context::Context;
 use super::image::Target;
@@ -20,9 +22,6 @@ use crate::waiting::Limits;
 
 /// Stages that one submission can time.
 const TIMESTAMPS: u32 = 16;
-/// Bindings of buffers in one submission, and sets of them.
-const BINDINGS: u32 = 4096;
-const SETS: u32 = 1024;
 
 /// A rectangle of pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +62,7 @@ pub struct Commands {
     context: Context,
     pool: vk::CommandPool,
     buffer: vk::CommandBuffer,
-    descriptors: vk::DescriptorPool,
+    bindings: Bindings,
     queries: vk::QueryPool,
     fence: vk::Fence,
     /// Names of the stages timed: stage i lies between queries i and i + 1.
@@ -86,7 +85,7 @@ impl Commands {
             context: context.clone(),
             pool: vk::CommandPool::null(),
             buffer: vk::CommandBuffer::null(),
-            descriptors: vk::DescriptorPool::null(),
+            bindings: Bindings::new(context)?,
             queries: vk::QueryPool::null(),
             fence: vk::Fence::null(),
             stages: Vec::new(),
@@ -96,13 +95,6 @@ impl Commands {
         };
         let refused = |code| context.refused("a command buffer", code);
         let pool = vk::CommandPoolCreateInfo::default().queue_family_index(context.0.queue_family);
-        let size = |kind, count| vk::DescriptorPoolSize::default().ty(kind).descriptor_count(count);
-        let sizes = [
-            size(vk::DescriptorType::STORAGE_BUFFER, BINDINGS),
-            size(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR, SETS),
-        ];
-        let kinds = if context.traces_rays() { &sizes[..] } else { &sizes[..1] };
-        let descriptors = vk::DescriptorPoolCreateInfo::default().max_sets(SETS).pool_sizes(kinds);
         let queries = vk::QueryPoolCreateInfo::default()
             .query_type(vk::QueryType::TIMESTAMP)
             .query_count(TIMESTAMPS + 1);
@@ -114,7 +106,6 @@ impl Commands {
                 .level(vk::CommandBufferLevel::PRIMARY)
                 .command_buffer_count(1);
             commands.buffer = device.allocate_command_buffers(&info).map_err(refused)?[0];
-            commands.descriptors = device.create_descriptor_pool(&descriptors, None).map_err(refused)?;
             commands.fence = device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(refused)?;
             if context.0.timestamps {
                 commands.queries = device.create_query_pool(&queries, None).map_err(refused)?;
@@ -130,15 +121,13 @@ impl Commands {
     pub fn begin(&mut self) -> Result<()> {
         self.wait()?;
         self.stages.clear();
+        self.bindings.begin()?;
         let device = &self.context.0.device;
         let refused = |code| self.context.refused("recording commands", code);
         let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: nothing of the pools is in use any more.
         unsafe {
             device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()).map_err(refused)?;
-            device
-                .reset_descriptor_pool(self.descriptors, vk::DescriptorPoolResetFlags::empty())
-                .map_err(refused)?;
             device.begin_command_buffer(self.buffer, &info).map_err(refused)?;
             if self.context.0.timestamps {
                 device.cmd_reset_query_pool(self.buffer, self.queries, 0, TIMESTAMPS + 1);
@@ -286,48 +275,11 @@ impl Commands {
         let layout = &pipeline.layout;
         assert_eq!(buffers.len(), layout.buffers as usize, "bindings of the shader");
         assert_eq!(push.len(), layout.push as usize, "push constants of the shader");
+        let set = self.bindings.set(pipeline, buffers, structure)?;
         let device = &self.context.0.device;
-        let layouts = [layout.set];
-        let info =
-            vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
-        // SAFETY: the layout belongs to the pipeline, which is held until the commands are done.
-        let set = unsafe { device.allocate_descriptor_sets(&info) }
-            .map_err(|code| self.context.refused("binding buffers", code))?[0];
-        let bound = || buffers.iter().enumerate().filter_map(|(binding, buffer)| Some((binding, (*buffer)?)));
-        let infos: Vec<_> = bound()
-            .map(|(_, buffer)| {
-                [vk::DescriptorBufferInfo::default()
-                    .buffer(buffer.allocation.buffer)
-                    .offset(buffer.offset)
-                    .range(buffer.size)]
-            })
-            .collect();
-        let handles: Vec<_> = structure.iter().map(|structure| structure.0.handle).collect();
-        let mut handles =
-            vk::WriteDescriptorSetAccelerationStructureKHR::default().acceleration_structures(&handles);
-        let of_structure = structure.map(|_| {
-            vk::WriteDescriptorSet::default()
-                .dst_set(set)
-                .dst_binding(layout.buffers)
-                .descriptor_type(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
-                .descriptor_count(1)
-                .push_next(&mut handles)
-        });
-        let writes: Vec<_> = bound()
-            .zip(&infos)
-            .map(|((binding, _), info)| {
-                vk::WriteDescriptorSet::default()
-                    .dst_set(set)
-                    .dst_binding(binding as u32)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
-                    .buffer_info(info)
-            })
-            .chain(of_structure)
-            .collect();
-        // SAFETY: the set is new; buffers are held until the commands are done; the push constants
-        // are exactly the layout's range.
+        // SAFETY: buffers and pipeline are held until the commands are done; the push constants are exactly the layout's
+        // range.
         unsafe {
-            device.update_descriptor_sets(&writes, &[]);
             device.cmd_bind_pipeline(self.buffer, point, pipeline.handle);
             device.cmd_bind_descriptor_sets(self.buffer, point, layout.pipeline, 0, &[set], &[]);
             device.cmd_push_constants(self.buffer, layout.pipeline, layout.stages, 0, push);
@@ -439,7 +391,7 @@ impl Drop for Commands {
         unsafe {
             device.destroy_query_pool(self.queries, None);
             device.destroy_fence(self.fence, None);
-            device.destroy_descriptor_pool(self.descriptors, None);
+            self.bindings.destroy();
             device.destroy_command_pool(self.pool, None);
         }
     }
