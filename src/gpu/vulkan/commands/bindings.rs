@@ -143,19 +143,17 @@ impl Bindings {
 
     /// A new set. Where the pool has no more, those of earlier submissions make room.
     fn allocate(&mut self, pipeline: &Pipeline) -> Result<vk::DescriptorSet> {
+        let bindings: usize = self.sets.iter().map(|set| set.buffers.len()).sum();
+        let wanted = bindings + pipeline.layout.buffers as usize;
+        if wanted > BINDINGS as usize || self.sets.len() >= SETS as usize {
+            self.give_up(0)?;
+        }
         let layouts = [pipeline.layout.set];
         let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.pool).set_layouts(&layouts);
-        let device = self.context.0.device.clone();
         // SAFETY: pool and layout belong to the device and live.
-        let allocate = || unsafe { device.allocate_descriptor_sets(&info) };
-        let made = match allocate() {
-            Err(vk::Result::ERROR_OUT_OF_POOL_MEMORY | vk::Result::ERROR_FRAGMENTED_POOL) => {
-                self.give_up(0)?;
-                allocate()
-            }
-            made => made,
-        };
-        made.map(|sets| sets[0]).map_err(|code| self.context.refused("binding buffers", code))
+        unsafe { self.context.0.device.allocate_descriptor_sets(&info) }
+            .map(|sets| sets[0])
+            .map_err(|code| self.context.refused("binding buffers", code))
     }
 
     fn write(
@@ -207,5 +205,106 @@ impl Bindings {
     pub unsafe fn destroy(&mut self) {
         // SAFETY: by this function's contract.
         unsafe { self.context.0.device.destroy_descriptor_pool(self.pool, None) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::vulkan::{Commands, ComputePipeline, HostBuffer, Shader, testing};
+
+    const SHADER: Shader = Shader {
+        name: "filter.wgsl",
+        words: include_bytes!(concat!(env!("OUT_DIR"), "/filter.spv")),
+        buffers: 5,
+        push: PUSH as u32,
+    };
+    const PUSH: usize = 112;
+    /// Where its push constants tell how many samples there are.
+    const COUNT: usize = 80;
+
+    /// A sample whose three words of radiance are this.
+    fn sample(context: &Context, radiance: f32) -> HostBuffer {
+        let buffer = HostBuffer::new(context, 48).unwrap();
+        buffer.write(0, &[radiance; 12]);
+        buffer
+    }
+
+    /// What the shader makes of it: twice in one submission, to the same place.
+    fn run(
+        commands: &mut Commands,
+        pipeline: &ComputePipeline,
+        sample: &HostBuffer,
+        rest: [&HostBuffer; 2],
+    ) -> [u32; 2] {
+        let mut push = [0u8; PUSH];
+        push[COUNT] = 1;
+        let [from, to, dropped] = [sample.into(), rest[0].into(), rest[1].into()];
+        let buffers: [Option<&BufferRef>; 5] = [Some(&from), Some(&to), Some(&dropped), None, None];
+        commands.begin().unwrap();
+        for _ in 0..2 {
+            commands.dispatch(pipeline, &buffers, &push, [1, 1, 1]).unwrap();
+            commands.barrier();
+        }
+        commands.submit().unwrap();
+        commands.wait().unwrap();
+        rest[0].read(0, 2).try_into().unwrap()
+    }
+
+    /// Sets are used again for the same buffers and for no others, though these may lie where others lay, and go when
+    /// nobody asks for them any more.
+    #[test]
+    fn sets_are_kept_for_what_they_bind() {
+        let Some(context) = testing::context() else { return };
+        let pipeline = ComputePipeline::new(&context, &SHADER, "take_radiance").unwrap();
+        let mut commands = Commands::new(&context).unwrap();
+        let (to, dropped) = (sample(&context, 0.0), sample(&context, 0.0));
+        let rest = [&to, &dropped];
+        let mut samples = [1.0, 2.0].map(|radiance| sample(&context, radiance));
+        let first: Vec<_> =
+            samples.iter().map(|sample| run(&mut commands, &pipeline, sample, rest)).collect();
+        assert_ne!(first[0], first[1]);
+        let handles: Vec<_> = commands.bindings.sets.iter().map(|set| set.handle).collect();
+        assert_eq!(handles.len(), 2, "one for each");
+        for turn in 0..6 {
+            assert_eq!(run(&mut commands, &pipeline, &samples[turn % 2], rest), first[turn % 2]);
+        }
+        assert!(commands.bindings.sets.iter().map(|set| set.handle).eq(handles), "the same ones");
+        for radiance in [3.0, 4.0, 5.0] {
+            samples[0] = sample(&context, radiance);
+            let fresh = run(&mut commands, &pipeline, &samples[0], rest);
+            assert!(!first.contains(&fresh), "{radiance}: {fresh:?}");
+        }
+        for _ in 0..=KEPT {
+            run(&mut commands, &pipeline, &samples[0], rest);
+        }
+        assert_eq!(commands.bindings.sets.len(), 1, "others were not asked for any more");
+        drop(commands);
+        testing::assert_valid(&context);
+    }
+
+    /// A pool that is full of sets of earlier submissions has room again.
+    #[test]
+    fn sets_make_room_for_others() {
+        let Some(context) = testing::context() else { return };
+        let pipeline = ComputePipeline::new(&context, &SHADER, "take_radiance").unwrap();
+        let mut bindings = Bindings::new(&context).unwrap();
+        let buffer = HostBuffer::new(&context, 1 << 20).unwrap();
+        let all = BufferRef::from(&buffer);
+        let parts: Vec<BufferRef> =
+            (0..BINDINGS as usize / 5).map(|part| all.part(part * 1024, 48)).collect();
+        for _ in 0..2 {
+            bindings.begin().unwrap();
+            for part in &parts {
+                bindings.set(&pipeline.0, &[Some(part), None, None, None, None], None).unwrap();
+            }
+            assert_eq!(bindings.sets.len(), parts.len());
+        }
+        bindings.begin().unwrap();
+        bindings.set(&pipeline.0, &[None, Some(&parts[0]), None, None, None], None).unwrap();
+        assert_eq!(bindings.sets.len(), 1, "the pool had no room for one more");
+        // SAFETY: nothing was submitted.
+        unsafe { bindings.destroy() };
+        testing::assert_valid(&context);
     }
 }
