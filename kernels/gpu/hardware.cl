@@ -225,4 +225,18 @@ __kernel void resolve_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, _
     state_at(states, k)->sample.normal |= (away << 1 | centre) << 24;
 #endif
 }
+
+// The corners of `count` triangles from `first` on in leaf order, one triangle after the other: what acceleration structures of
+// those that move are built from.
+__kernel void gather_corners(__global const Triangle *triangles, __global const float *leaves, uint first, uint count,
+                             __global float *corners)
+{
+    uint i = (uint)get_global_id(0);
+    if (i >= count)
+        return;
+    uint place = first + i, packed = triangles[place].packed, lane = TRIANGLE_LANE(packed), n = TRIANGLE_LEAF_LENGTH(packed);
+    __global const float *row = leaves + 9u * (place - lane) + lane;
+    for (uint word = 0; word < 9u; ++word)
+        corners[9u * i + word] = row[word * n];
+}
 #endif

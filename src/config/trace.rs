@@ -59,8 +59,7 @@ pub enum Indirect {
 pub enum HardwareRaysConfig {
     /// The kernels trace all rays.
     Off,
-    /// Where the devices cannot do that, or have no room for the scene, it is an error. The kernels trace scenes in which
-    /// something moves, and a note says so.
+    /// Where the devices cannot do that, or have no room for the scene, it is an error.
     On,
     /// Where it is possible, and clearly faster by a measurement at the first start; else the kernels trace all rays, with a
     /// note where that is the scene's doing.

@@ -3,7 +3,6 @@
 use crate::bench::hardware;
 use crate::config::{Config, HardwareRaysConfig, TraversalConfig};
 use crate::error::{Error, Result};
-use crate::frame::Loaded;
 use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::Context;
 use crate::trace::RayQueryDevice;
@@ -55,32 +54,20 @@ impl RaysBy {
         }
     }
 
-    /// The device whose ray queries trace a scene's rays, if they do, with a sentence for the operator where the scene keeps
-    /// them from it. Nothing is measured for scenes that they cannot trace.
+    /// The device whose ray queries trace a scene's rays, if they do.
     ///
     /// # Errors
     /// [`Error::Setting`] where settings want what is not there.
-    pub(super) fn for_scene(
+    pub(super) fn chosen(
         config: &Config,
         (device, context): (&Device, &Context),
         shared: bool,
-        loaded: &Loaded,
-    ) -> Result<(Option<RayQueryDevice>, Option<String>)> {
+    ) -> Result<Option<RayQueryDevice>> {
         let required = config.trace.hardware_rays == HardwareRaysConfig::On;
-        let decided = Self::by_settings(config, context, shared);
-        let may = matches!(decided, None | Some(RaysBy::RayQueries(_)));
-        if may && loaded.parted.is_some() {
-            let do_or_may = if required { "do" } else { "may" };
-            let told = format!(
-                "the kernels trace all rays of this scene, since parts of it move; with --animation none ray queries \
-                 {do_or_may}, where nothing is held or worn"
-            );
-            return Ok((None, Some(told)));
-        }
-        match decided.unwrap_or_else(|| Self::of(config, device, context, shared)) {
+        match Self::of(config, device, context, shared) {
             RaysBy::Nobody(why) => Err(Error::setting("trace.hardware_rays", why)),
-            RaysBy::Kernels(_) => Ok((None, None)),
-            RaysBy::RayQueries(_) => Ok((Some(RayQueryDevice { context: context.clone(), required }), None)),
+            RaysBy::Kernels(_) => Ok(None),
+            RaysBy::RayQueries(_) => Ok(Some(RayQueryDevice { context: context.clone(), required })),
         }
     }
 }

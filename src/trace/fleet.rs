@@ -212,11 +212,6 @@ impl Fleet {
         std::mem::take(&mut self.notes)
     }
 
-    /// Has the operator told of something that is no device's failure.
-    pub fn note(&mut self, note: String) {
-        self.notes.push(note);
-    }
-
     /// Waits until a device takes part, for so long at most; tells whether one does.
     pub fn wait(&mut self, most: Duration) -> bool {
         let start = Instant::now();

@@ -8,24 +8,34 @@
 //! rays that a kernel follows on its own: those of edges, mirrors, glass, punctual lights, paths and the cache of light.
 //!
 //! Acceleration structures know no textures. Triangles that let rays pass by their alpha are no hits there: rays that meet
-//! one before any other are left open, and the kernels trace them. So every scene that stands still is traced, whatever its
-//! materials, and what differs is rounding at edges. Triangles have the same names, their places in leaf order, and instances
-//! are placed by the same matrices.
+//! one before any other are left open, and the kernels trace them. So every scene is traced, whatever its materials, and what
+//! differs is rounding at edges. Triangles have the same names, their places in leaf order, and instances are placed by the
+//! same matrices.
+//!
+//! **Scenes that move.** What stays, and each shape that is kept once, is built once. Instances that move are placed elsewhere
+//! in the top level, which is built anew for each instant that rays are traced at. Parts whose vertices are others at each
+//! instant, small ones that move as a whole among them, have bottom levels that are built anew too, fast rather than good,
+//! from the corners that the kernels' own leaves have, whoever has deformed them: a kernel gathers those into memory that
+//! both APIs use. So rays meet the triangles that the kernels' rays meet, to the bit. What is hidden or flattened is placed
+//! nowhere. All of it stays in the same memory, and is built in front of the first rays of an instant, by the same commands.
 //!
 //! Both APIs are waited for by the host, between the kernels that lay rays out, the shader and the kernels that take them.
 
+mod moving;
 mod queries;
 mod structure;
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 
-use super::SceneData;
+use super::{SceneData, SceneState};
 use crate::error::{Error, Result};
 use crate::gpu::interop::Shared;
 use crate::gpu::opencl::{Buffer, Device};
 use crate::gpu::vulkan::{BufferRef, Commands, Context, RayPipeline, Shader};
 pub use queries::{Answer, Asked, RayQueries};
-use structure::Structure;
+use structure::{Structure, Top};
 
 /// Rays of a group, which lie together: `kernels/gpu/shade.cl` has as many of a sample.
 pub(super) const GROUP: usize = 32;
@@ -101,24 +111,54 @@ impl std::fmt::Debug for HardwareRays {
 }
 
 impl HardwareRays {
-    /// Builds the acceleration structure of a scene; `most` is how many groups of rays are under way at most.
+    /// Builds the acceleration structure of a scene, which kernels of `device` move; `most` is how many groups of rays are under
+    /// way at most.
     ///
     /// # Errors
     /// [`Error::Device`] where the device has no ray queries switched on, has no room for it, refuses the shader, or is lost.
-    pub fn new(context: &Context, data: &SceneData, most: usize) -> Result<Self> {
+    pub fn new(context: &Context, device: Option<&Device>, data: &SceneData, most: usize) -> Result<Self> {
         if !context.traces_rays() {
             let problem = "it has no ray queries switched on; open it with ContextOptions::ray_queries";
             return Err(Error::Device { device: context.report().name.clone(), problem: problem.into() });
         }
         let plane_bytes = (GROUP * RAY_WORDS + 3) as u64 * size_of::<u32>() as u64;
-        Ok(HardwareRays {
+        let mut rays = HardwareRays {
             context: context.clone(),
             pipeline: RayPipeline::new(context, &SHADER, "intersect_rays")?,
             commands: Commands::new(context)?,
-            structure: Structure::of(context, data)?,
+            structure: Structure::of(context, device, data)?,
             batch: None,
             most: most.min((context.storage_range() / plane_bytes) as usize).max(1),
-        })
+        };
+        rays.build_moving()?;
+        Ok(rays)
+    }
+
+    /// Builds what moves once, so that it is known that the device can.
+    fn build_moving(&mut self) -> Result<()> {
+        if let Top::Moving(moving) = &mut self.structure.top {
+            self.commands.begin()?;
+            moving.renew(&mut self.commands);
+            self.commands.submit()?;
+            self.commands.wait()?;
+        }
+        Ok(())
+    }
+
+    /// Takes another instant of the scene in, for the next rays. `gather` has kernels write the corners of the triangles at some
+    /// places, nine floats for each, where some are elsewhere.
+    ///
+    /// # Errors
+    /// Those of `gather`, and [`Error::Device`] where the devices cannot hand memory on.
+    pub fn move_to(
+        &mut self,
+        state: &SceneState,
+        gather: impl FnOnce(Range<u32>, &Buffer<f32>) -> Result<()>,
+    ) -> Result<()> {
+        match &mut self.structure.top {
+            Top::Still(_) => Ok(()),
+            Top::Moving(moving) => moving.move_to(state, gather),
+        }
     }
 
     /// Groups of rays that go together at most.
@@ -168,7 +208,8 @@ impl HardwareRays {
         })
     }
 
-    /// Waits for the kernels that lay rays out, has them traced, and waits for that: how long it took in milliseconds.
+    /// Waits for the kernels that lay rays out, has them traced where the scene is now, and waits for that: how long it took in
+    /// milliseconds.
     ///
     /// # Errors
     /// [`Error::Device`] where either device is lost.
@@ -181,12 +222,17 @@ impl HardwareRays {
         let job = Job { stride, rays: rays.count, origin: plane * stride, origins };
         let groups = rays.count.div_ceil(ITEMS);
         let (across, down) = (groups.clamp(1, GROUPS_ACROSS), groups.div_ceil(GROUPS_ACROSS));
-        let Structure { top, placed, places } = &self.structure;
+        let Structure { top, placed, places } = &mut self.structure;
         let buffers: [&BufferRef; 4] =
-            [&batch.rays.vulkan(), &batch.queue.vulkan(), &placed.into(), &places.into()];
+            [&batch.rays.vulkan(), &batch.queue.vulkan(), &(&*placed).into(), &(&*places).into()];
         self.commands.begin()?;
+        if let Top::Moving(moving) = top
+            && moving.renew(&mut self.commands)
+        {
+            self.commands.end_stage("acceleration structures");
+        }
         let (buffers, bytes) = (buffers.map(Some), bytemuck::bytes_of(&job));
-        self.commands.trace(&self.pipeline, top, &buffers, bytes, [across, down, 1])?;
+        self.commands.trace(&self.pipeline, top.level(), &buffers, bytes, [across, down, 1])?;
         self.commands.end_stage("rays");
         self.commands.submit()?;
         let ms = self.commands.wait()?.iter().map(|stage| stage.ms).sum();

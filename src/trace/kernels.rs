@@ -229,6 +229,10 @@ kernels! {
         scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
         visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>,
     );
+    /// Gathers the corners of triangles that move.
+    GatherCorners = gather_corners(
+        triangles: &Buffer<Triangle>, leaves: &Buffer<f32>, first: u32, count: u32, corners: &Buffer<f32>,
+    );
     /// Gathers the records of tiles.
     PackVisibility = pack_visibility(
         camera: &Camera, tiles: &Buffer<u32>, first: u32, count: u32, records: &Buffer<VisibilityRecord>,

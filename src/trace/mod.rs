@@ -17,6 +17,7 @@ mod kernels;
 mod light_cache;
 mod moving;
 mod moving_instances;
+mod moving_lit;
 mod moving_looks;
 mod moving_materials;
 mod moving_parts;

@@ -33,6 +33,7 @@ use rayon::prelude::*;
 use super::deform::{Deformation, Deformed, runs_of};
 use super::emitters::MovingEmitters;
 use super::moving_instances::MovingInstances;
+use super::moving_lit::Lit;
 use super::moving_looks::Looks;
 use super::moving_materials::MovingMaterials;
 use super::moving_parts::PartsState;
@@ -44,7 +45,7 @@ use crate::bvh::wide::LeafSlot;
 use crate::bvh::{Parted, Trees};
 use crate::layout::{self, pack_normal};
 use crate::scene::animation::{Instant, Motion, Movers};
-use crate::scene::{Instanced, Light, Scene, emitters};
+use crate::scene::{Light, Scene, emitters};
 
 /// Who deforms skinned and morphed parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,6 +115,8 @@ pub struct SceneState {
     compact_top: OnceLock<Vec<layout::CompactNode>>,
     /// Parts that the host has brought there.
     pub(super) parts: Vec<PartsState>,
+    /// Whether each part is hidden.
+    pub(super) hidden: Vec<bool>,
     /// Those that devices bring there.
     pub(super) deformed: Option<Deformed>,
     /// All punctual lights, where some move.
@@ -128,16 +131,6 @@ pub struct SceneState {
     /// The box around all that is lit, where there are unlit surfaces too.
     pub(super) lit: Option<[Vec3; 2]>,
     movers: Arc<[Option<DMat4>]>,
-}
-
-/// The box around all that is lit.
-#[derive(Debug)]
-struct Lit {
-    still: Option<[Vec3; 2]>,
-    /// Moving triangles that are lit, of parts that the host brings where they are.
-    moving: Vec<u32>,
-    /// Other parts that are lit.
-    parts: Vec<usize>,
 }
 
 impl MovingScene {
@@ -315,6 +308,7 @@ impl MovingScene {
             top: top.nodes,
             compact_top: OnceLock::new(),
             parts: self.runs.iter().zip(leaves).map(|(run, leaves)| self.state_of(run, leaves)).collect(),
+            hidden: (0..motion.parts.len()).map(|part| self.parted.is_hidden(part)).collect(),
             lights: if self.motion.lights.is_empty() {
                 Vec::new()
             } else {
@@ -394,56 +388,7 @@ impl SceneState {
     }
 }
 
-impl Lit {
-    /// None where all or nothing is lit.
-    fn of(scene: &Scene, first_triangle: usize) -> Option<Self> {
-        emitters::lit_bounds(scene)?;
-        let mesh = &scene.mesh;
-        let is_lit = |triangle: &usize| !scene.materials[mesh.materials[*triangle] as usize].unlit;
-        let still = (0..first_triangle).filter(is_lit);
-        let corners = still.flat_map(|triangle| mesh.triangles[triangle]).map(|v| mesh.positions[v as usize]);
-        let resting = |instanced: &std::sync::Arc<Instanced>| {
-            let count = scene.motion.as_ref().map_or(usize::MAX, |motion| motion.first_instance(instanced));
-            instanced.boxes().into_iter().take(count)
-        };
-        let instances = scene.instanced.iter().flat_map(resting);
-        Some(Lit {
-            still: corners.map(|p| [p, p]).chain(instances.map(|(low, high)| [low, high])).reduce(both),
-            moving: (first_triangle..mesh.triangles.len()).filter(is_lit).map(|t| t as u32).collect(),
-            parts: Vec::new(),
-        })
-    }
-
-    /// Leaves those parts to others that are `left`.
-    fn leave(&mut self, motion: &Motion, left: &[bool]) {
-        for (part, _) in left.iter().enumerate().filter(|(_, left)| **left) {
-            let own = &motion.parts[part].triangles;
-            let before = self.moving.len();
-            self.moving.retain(|&triangle| !own.contains(&(triangle as usize)));
-            if self.moving.len() < before {
-                self.parts.push(part);
-            }
-        }
-    }
-
-    fn bounds(
-        &self,
-        corners: impl Fn(u32) -> [Vec3; 3],
-        parted: &Parted,
-        instances: Option<&MovingInstances>,
-    ) -> Option<[Vec3; 2]> {
-        let moving = self.moving.iter().flat_map(|&triangle| corners(triangle)).map(|p| [p, p]);
-        let instances = instances.into_iter().flat_map(MovingInstances::boxes);
-        let parts = self.parts.iter().filter_map(|&part| parted.loose(part)).map(|(low, high)| [low, high]);
-        moving.chain(parts).chain(instances).chain(self.still).reduce(both)
-    }
-}
-
 /// Whether a triangle sends light of its own.
 pub(super) fn shines(scene: &Scene, triangle: usize) -> bool {
     emitters::shines(&scene.materials[scene.mesh.materials[triangle] as usize])
-}
-
-fn both(a: [Vec3; 2], b: [Vec3; 2]) -> [Vec3; 2] {
-    [a[0].min(b[0]), a[1].max(b[1])]
 }

@@ -43,8 +43,9 @@ impl MovingInstances {
             let bounds = self.bounds[now.shape as usize];
             let wide: (DVec3, DVec3) = (bounds.0.as_dvec3(), bounds.1.as_dvec3());
             *own = is_usable(&now.matrix(), wide).then_some(*now);
-            if own.is_some() {
-                place_record(record, now, bounds);
+            match own {
+                Some(own) => place_record(record, own, bounds),
+                None => record.world_from_shape = [[0.0; 4]; 3],
             }
         }
     }
@@ -55,7 +56,7 @@ impl MovingInstances {
         (self.first + 1..).zip(&self.instances).map(door)
     }
 
-    /// What kernels know of them, and the place of the first in their list.
+    /// What kernels know of them, and the place of the first in their list; one that is nowhere is flattened to nothing.
     pub fn records(&self) -> (usize, Vec<layout::Instance>) {
         (self.first + 1, self.records.clone())
     }

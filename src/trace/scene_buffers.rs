@@ -27,7 +27,7 @@ pub use count::tree_bytes;
 pub(super) use deformed::DeformKernels;
 pub(super) use instances::{instance_records, place_record};
 pub(super) use moved::Moved;
-pub(super) use shapes::PlacedShape;
+pub(super) use shapes::{MovingShapes, PlacedShape};
 
 use super::emitters::{PackedEmitters, lights_in_order};
 use pack::{cache_info, pack_color, pack_texels, pack_textures, pack_triangles, shading, srgb_codes};
@@ -63,6 +63,7 @@ pub struct SceneData {
     emitters: Option<PackedEmitters>,
     glossy: Option<Vec<[f32; 4]>>,
     instances: Option<Vec<layout::Instance>>,
+    moving: MovingShapes,
     /// What devices need beside it, where they deform its moving parts.
     deformed: Vec<BufferBytes>,
     shading: layout::Shading,
@@ -202,6 +203,7 @@ impl SceneData {
             cache: cache_info(scene, environment),
             glossy: features.glossy.then(|| glossy::prefiltered(environment)),
             instances,
+            moving: MovingShapes::of(scene, trees.world),
             features,
         })
     }

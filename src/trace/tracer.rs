@@ -143,7 +143,7 @@ impl Tracer {
     }
 
     /// The same with rays that a device's ray queries trace (`src/trace/hardware.rs`): one that shares memory with this
-    /// device, for a scene in which nothing moves.
+    /// device.
     ///
     /// # Errors
     /// As [`Tracer::open`], for both devices.
@@ -279,6 +279,9 @@ impl Tracer {
     pub fn move_to(&mut self, state: &SceneState) -> Result<()> {
         if self.serial != state.serial {
             self.scene.move_to(&self.device, &self.deform, state)?;
+            if let Some(hardware) = &mut self.hardware {
+                hardware.move_to(&self.scene, state)?;
+            }
             if !state.rests {
                 self.light.follow_motion();
             }

@@ -180,6 +180,19 @@ pub fn world_of_two(has_lamp: bool) -> Builder {
     builder
 }
 
+/// The world without a lamp, whose box turns, and is turned inside out after 1 s: what was its left is its right.
+pub fn mirroring_world() -> Builder {
+    let mut builder = world(false);
+    let nodes = builder.json["nodes"].as_array().unwrap();
+    let turning = nodes.iter().position(|node| node["translation"] == json!([3.0, 1.0, 0.0])).unwrap();
+    let times = builder.floats(&[[0.0], [1.0], [2.0]]);
+    let sizes = builder.floats(&[[1.0; 3], [-1.0, 1.0, 1.0], [-1.2, 1.0, 1.0]]);
+    animate(&mut builder, turning, "scale", times, sizes);
+    let samplers = builder.json["animations"][0]["samplers"].as_array_mut().unwrap();
+    samplers.last_mut().unwrap()["interpolation"] = json!("STEP");
+    builder
+}
+
 /// The world without a lamp, whose box turns, and glows where that is said; it is seen from the beginning to 0.5 s, and
 /// again from 1.5 s on.
 pub fn blinking_world(glows: bool) -> Builder {

@@ -10,7 +10,7 @@ use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{Environment, Features, Scene};
-use foveate::trace::{SceneData, Settings, Tracer, Traversal, Traversals};
+use foveate::trace::{SceneData, SceneState, Settings, Tracer, Traversal, Traversals};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
@@ -124,6 +124,16 @@ impl Bench {
         let data = SceneData::pack(scene, trees, environment).unwrap();
         let tracer = Tracer::with_hardware_rays(device, &data, context).unwrap();
         Bench { bvh, tracer, device: device.clone() }
+    }
+
+    /// With a tracer that is there already, whose hits are not told by the mesh's triangles.
+    pub fn of(device: &Device, tracer: Tracer) -> Self {
+        Bench { bvh: None, tracer, device: device.clone() }
+    }
+
+    /// Brings the scene to an instant.
+    pub fn move_to(&mut self, state: &SceneState) {
+        self.tracer.move_to(state).unwrap();
     }
 
     /// Makes steps of the cache of light, where a pattern's samples look.

@@ -169,8 +169,8 @@ fn fleet(
     sharing: Sharing,
 ) -> Result<Fleet> {
     let direct = sharing == Sharing::ZeroCopy;
-    let by = |device| RaysBy::for_scene(config, (device, context), direct, loaded);
-    let (rays, note) = devices.first().map_or(Ok((None, None)), by)?;
+    let by = |device| RaysBy::chosen(config, (device, context), direct);
+    let rays = devices.first().map_or(Ok(None), by)?;
     let environment = fitting_environment(&loaded.environment, devices);
     let mut data = SceneData::pack(&loaded.scene, loaded.trees(), &environment)?;
     data.depth = loaded.depth();
@@ -194,9 +194,7 @@ fn fleet(
         (device.clone(), traversals)
     };
     let tried: Vec<_> = devices.iter().enumerate().map(walking).collect();
-    let mut fleet = Fleet::of_tried(&tried, &data, direct, rays.as_ref())?;
-    note.into_iter().for_each(|note| fleet.note(note));
-    Ok(fleet)
+    Fleet::of_tried(&tried, &data, direct, rays.as_ref())
 }
 
 pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {

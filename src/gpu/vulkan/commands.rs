@@ -54,6 +54,9 @@ pub struct StageTime {
     pub ms: f64,
 }
 
+/// Something that commands use.
+pub(super) type Held = Arc<dyn Any + Send + Sync>;
+
 /// One command buffer, recorded anew for each submission.
 ///
 /// [`Commands::begin`], record, [`Commands::submit`], [`Commands::wait`]. What is recorded runs in
@@ -71,7 +74,7 @@ pub struct Commands {
     /// The submission was waited for in vain, and the device may still work on it.
     stuck: bool,
     /// What the submission uses.
-    held: Vec<Arc<dyn Any + Send + Sync>>,
+    held: Vec<Held>,
 }
 
 impl Commands {

@@ -15,7 +15,9 @@ mod pipeline;
 #[cfg(feature = "window")]
 mod swapchain;
 
-pub use acceleration::{BottomLevel, Placement, TopLevel, Triangles};
+pub use acceleration::{
+    BottomLevel, DynamicLevels, DynamicTopLevel, DynamicTriangles, Placement, TopLevel, Triangles,
+};
 pub use ash::vk::Format;
 pub use commands::{Commands, Rect, StageTime};
 pub use context::{

@@ -51,13 +51,13 @@ pub struct Answer {
 pub struct RayQueries(HardwareRays);
 
 impl RayQueries {
-    /// Builds the acceleration structure of a scene for a context that traces rays.
+    /// Builds the acceleration structure of a scene for a context that traces rays, as it is at first where it moves.
     ///
     /// # Errors
     /// Where the scene cannot be packed, the context has no ray queries switched on, the device has no room for it, or is lost.
     pub fn new<'a>(context: &Context, scene: &Scene, trees: impl Into<Trees<'a>>) -> Result<Self> {
         let data = SceneData::pack(scene, trees, &Environment::constant(glam::Vec3::ZERO))?;
-        HardwareRays::new(context, &data, MOST).map(RayQueries)
+        HardwareRays::new(context, None, &data, MOST).map(RayQueries)
     }
 
     /// Traces rays, 32 from each origin in turn; of the last as many as there are. What was found, and how many milliseconds

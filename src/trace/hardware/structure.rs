@@ -5,7 +5,9 @@ use std::collections::hash_map::Entry;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::moving::{Mover, Moving, MovingParts};
 use crate::error::{Error, Result};
+use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::{
     BottomLevel, BufferRef, Commands, Context, DeviceBuffer, HostBuffer, Placement, TopLevel, Triangles,
 };
@@ -16,13 +18,33 @@ use crate::trace::scene_buffers::{PlacedShape, SceneData};
 /// samples and drivers have theirs.
 const SHARE_OF_ALLOCATIONS: u32 = 2;
 
+/// The rows of a matrix that leaves points where they are.
+pub(super) const IDENTITY: [[f32; 4]; 3] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+
 /// The scene, and how its triangles are called.
 pub(super) struct Structure {
-    pub top: TopLevel,
+    pub top: Top,
     /// A [`Placed`] for each placement.
     pub placed: DeviceBuffer,
     /// Of each opaque triangle its place in leaf order, bottom level by bottom level.
     pub places: DeviceBuffer,
+}
+
+/// What rays are traced through.
+pub(super) enum Top {
+    /// Of a scene that stands still, built once.
+    Still(TopLevel),
+    /// Of one that moves, built for each instant.
+    Moving(Moving),
+}
+
+impl Top {
+    pub fn level(&self) -> &TopLevel {
+        match self {
+            Top::Still(top) => top,
+            Top::Moving(moving) => moving.top(),
+        }
+    }
 }
 
 /// As `Placed` of `kernels/rays.wgsl`.
@@ -51,16 +73,23 @@ struct Gathered {
 
 impl Structure {
     /// Builds it: of each shape a bottom level of the triangles that are seen from the front alone, and one of those that
-    /// are seen from both sides or have alpha, which are met from any side, since the kernels look at them again.
-    pub fn of(context: &Context, data: &SceneData) -> Result<Self> {
+    /// are seen from both sides or have alpha, which are met from any side, since the kernels look at them again. What moves
+    /// has room, and is to be built; `device` is the one whose kernels move it.
+    pub fn of(context: &Context, device: Option<&Device>, data: &SceneData) -> Result<Self> {
         let most_levels = context.most_allocations() / SHARE_OF_ALLOCATIONS;
-        Self::within(context, data, Limits { most_levels, list_bytes: context.storage_range() })
+        let limits = Limits { most_levels, list_bytes: context.storage_range() };
+        Self::within((context, device), data, limits)
     }
 
-    fn within(context: &Context, data: &SceneData, limits: Limits) -> Result<Self> {
-        let name = &context.report().name;
+    fn within(
+        (context, device): (&Context, Option<&Device>),
+        data: &SceneData,
+        limits: Limits,
+    ) -> Result<Self> {
+        let (name, moving) = (&context.report().name, data.moving());
         let mut levels_built = 0;
         let (mut placements, mut placed, mut places) = (Vec::new(), Vec::new(), Vec::new());
+        let mut instances = Vec::new();
         let mut built: HashMap<u32, Vec<Level>> = HashMap::new();
         for shape in data.placed_shapes() {
             let first = shape.places.start;
@@ -76,6 +105,9 @@ impl Structure {
                 }
             };
             for level in levels {
+                if moving.has(shape.instance) {
+                    instances.push(Mover { placement: placements.len(), number: shape.instance });
+                }
                 placements.push(Placement {
                     shape: level.built.clone(),
                     world_from_shape: shape.world_from_shape,
@@ -84,8 +116,19 @@ impl Structure {
                 placed.push(Placed { first: level.first, more: shape.first_triangle.wrapping_sub(first) });
             }
         }
+        for part in moving.parts.iter().filter(|part| !part.is_empty()) {
+            placed.push(Placed { first: places.len() as u32, more: 0 });
+            places.extend(part.clone());
+        }
+        limits.check_list(name, "triangles", size_of_val(&places[..]))?;
         limits.check_list(name, "placements", size_of_val(&placed[..]))?;
-        let top = TopLevel::build(context, &placements)?;
+        let top = if moving.is_empty() {
+            Top::Still(TopLevel::build(context, &placements)?)
+        } else {
+            let parts = MovingParts::of((context, device), data, &mut placements)?;
+            let first = moving.first_instance.unwrap_or(0);
+            Top::Moving(Moving::new(context, placements, first, instances, parts)?)
+        };
         Ok(Structure { top, placed: upload(context, &placed)?, places: upload(context, &places)? })
     }
 }
@@ -187,7 +230,7 @@ mod tests {
         let tree = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
         let data = SceneData::pack(&scene, &tree, &Environment::constant(glam::Vec3::ONE)).unwrap();
         let refused = |most_levels, list_bytes| {
-            let made = Structure::within(&context, &data, Limits { most_levels, list_bytes });
+            let made = Structure::within((&context, None), &data, Limits { most_levels, list_bytes });
             made.err().map(|error| error.to_string()).unwrap_or_default()
         };
         let (shapes, lists) = (refused(0, u64::MAX), refused(8, 64));

@@ -10,10 +10,10 @@ use crate::layout::{Camera, HitRecord, Shading, VisibilityRecord};
 use crate::scene::Features;
 use crate::trace::hardware::{GROUP, HardwareRays, PLANE_ORIGIN, PLANE_OWN_ORIGIN, Rays};
 use crate::trace::kernels::{
-    GenerateBlockerRays, GeneratePixelRays, GeneratePixelSunRays, GenerateSampleRays, GenerateSunRays, Grid,
-    ResolveBlockers, ResolvePixelHits, ResolvePixelSun, ResolveSampleHits, SceneOf,
+    GatherCorners, GenerateBlockerRays, GeneratePixelRays, GeneratePixelSunRays, GenerateSampleRays,
+    GenerateSunRays, Grid, ResolveBlockers, ResolvePixelHits, ResolvePixelSun, ResolveSampleHits, SceneOf,
 };
-use crate::trace::{SceneData, Traversal};
+use crate::trace::{SceneBuffers, SceneData, SceneState, Traversal};
 
 /// Groups of rays of a tile.
 const GROUPS_PER_TILE: usize = TILE_PIXELS as usize / GROUP;
@@ -39,6 +39,7 @@ pub(in crate::trace) struct Hardware {
     generate_sun_rays: GenerateSunRays,
     generate_blocker_rays: GenerateBlockerRays,
     resolve_blockers: ResolveBlockers,
+    gather_corners: GatherCorners,
     /// Whether rays may meet triangles with alpha, which kernels look at.
     alpha: bool,
 }
@@ -53,7 +54,7 @@ impl Hardware {
     ) -> Result<Self> {
         let most = samples_under_way(device.info()).max(GROUPS_PER_TILE);
         Ok(Hardware {
-            rays: HardwareRays::new(context, data, most)?,
+            rays: HardwareRays::new(context, Some(device), data, most)?,
             generate_pixel_rays: GeneratePixelRays::of(program)?,
             resolve_pixel_hits: ResolvePixelHits::of(program)?,
             generate_sample_rays: GenerateSampleRays::of(program)?,
@@ -63,8 +64,15 @@ impl Hardware {
             generate_sun_rays: GenerateSunRays::of(program)?,
             generate_blocker_rays: GenerateBlockerRays::of(program)?,
             resolve_blockers: ResolveBlockers::of(program)?,
+            gather_corners: GatherCorners::of(program)?,
             alpha: features.alpha,
         })
+    }
+
+    /// Has the next rays traced where a scene is that was brought to another instant.
+    pub fn move_to(&mut self, scene: &SceneBuffers, state: &SceneState) -> Result<()> {
+        let kernel = &self.gather_corners;
+        self.rays.move_to(state, |places, corners| scene.gather_corners(kernel, places, corners))
     }
 
     /// How many samples can have their light rays under way.

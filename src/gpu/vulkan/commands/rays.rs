@@ -1,14 +1,11 @@
 //! Acceleration structures built, and rays traced through them.
 #![allow(unsafe_code)]
 
-use std::any::Any;
-use std::sync::Arc;
-
 use ash::vk;
 
-use super::Commands;
+use super::{Commands, Held};
 use crate::error::Result;
-use crate::gpu::vulkan::acceleration::TopLevel;
+use crate::gpu::vulkan::acceleration::{DynamicLevels, DynamicTopLevel, TopLevel};
 use crate::gpu::vulkan::memory::BufferRef;
 use crate::gpu::vulkan::pipeline::RayPipeline;
 
@@ -36,19 +33,44 @@ impl Commands {
         Ok(())
     }
 
-    /// Has an acceleration structure built from and in what is held until that is done.
+    /// Has bottom levels built from where the corners of their list's triangles are now, nine floats for each: those that are
+    /// `wanted`, by their places.
+    ///
+    /// # Panics
+    /// If there are fewer corners.
+    pub fn build_levels(
+        &mut self,
+        levels: &DynamicLevels,
+        corners: &BufferRef,
+        wanted: impl Fn(usize) -> bool,
+    ) {
+        let input = &levels.0.input;
+        let to = BufferRef { allocation: input.clone(), offset: 0, size: input.size };
+        self.copy(corners, &to, levels.bytes());
+        self.barrier();
+        levels.0.record(self, wanted);
+        self.barrier();
+    }
+
+    /// Has a top level built from where its placements are now; no commands before are under way that build it.
+    pub fn build_top(&mut self, top: &DynamicTopLevel) {
+        top.record(self);
+        self.barrier();
+    }
+
+    /// Has acceleration structures built from and in what is held until that is done.
     ///
     /// # Safety
-    /// All that the build reads and writes is as large as it needs, and held.
+    /// All that the builds read and write is as large as they need, each has its own, and it is held.
     pub(in crate::gpu::vulkan) unsafe fn build(
         &mut self,
         functions: &ash::khr::acceleration_structure::Device,
-        info: vk::AccelerationStructureBuildGeometryInfoKHR,
-        ranges: &[vk::AccelerationStructureBuildRangeInfoKHR],
-        held: [Arc<dyn Any + Send + Sync>; 3],
+        infos: &[vk::AccelerationStructureBuildGeometryInfoKHR],
+        ranges: &[&[vk::AccelerationStructureBuildRangeInfoKHR]],
+        held: impl IntoIterator<Item = Held>,
     ) {
         // SAFETY: by this function's contract; each geometry has its range.
-        unsafe { functions.cmd_build_acceleration_structures(self.buffer, &[info], &[ranges]) };
+        unsafe { functions.cmd_build_acceleration_structures(self.buffer, infos, ranges) };
         self.held.extend(held);
     }
 }
