@@ -335,7 +335,8 @@ fn frames_at_rest_hold_still_and_a_switch_makes_them_stand_alone() {
     let loaded = town(1.0);
     let alone = config(Method::Guided, Samples::Count(3000), 4);
     let mut together = alone.clone();
-    together.time = TimeConfig::default();
+    // Pixels as they are: means over pictures hold still by themselves.
+    together.time = TimeConfig { pictures: 1, ..TimeConfig::default() };
     let plan = Plan::stereo(eyes(&loaded), Stereo::PerEye).unwrap();
     let frames = |config: &Config, forgets: bool| -> Vec<Picture> {
         let mut renderer = renderer(&machine, &loaded, config);
@@ -452,6 +453,46 @@ fn the_overlay_shows_where_samples_gaze_and_rays_are() {
     }
 }
 
+/// The mean of each square of so many pixels.
+fn shrunk(picture: &Picture, times: u32) -> Picture {
+    let (width, height) = (picture.width / times, picture.height / times);
+    let mean = |place: u32| {
+        let first = (place / width * picture.width + place % width) * times;
+        let mut sum = glam::Vec3::ZERO;
+        for row in 0..times {
+            let start = (first + row * picture.width) as usize;
+            sum += picture.pixels[start..start + times as usize]
+                .iter()
+                .map(|&p| glam::Vec3::from(p))
+                .sum::<glam::Vec3>();
+        }
+        (sum / (times * times) as f32).to_array()
+    };
+    Picture::new(width, height, (0..width * height).map(mean).collect()).unwrap()
+}
+
+/// At rest pictures become means over several, which look all over their pixels, also where each pixel has a ray of its own.
+#[test]
+fn at_rest_edges_become_smooth_where_each_pixel_has_its_ray() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let mut config = config(Method::Guided, Samples::Count(48_000), 32);
+    config.foveation.visibility_slope = 0.0;
+    let fine = Plan::mono(View { width: 4 * WIDTH, height: 4 * HEIGHT, ..view(&loaded) });
+    let truth = shrunk(&picture(&mut renderer(&machine, &loaded, &config), &fine, &[]), 4);
+    config.foveation.samples = Samples::Count(3000);
+    let plan = Plan::mono(view(&loaded));
+    let mut told = |pictures: u32| {
+        config.time = TimeConfig { pictures, ..TimeConfig::default() };
+        let mut renderer = renderer(&machine, &loaded, &config);
+        let pictures = [0; 16].map(|_| picture(&mut renderer, &plan, &[]));
+        [0, 15].map(|frame: usize| psnr(&pictures[frame], &truth))
+    };
+    let ([first, last], [_, without]) = (told(16), told(1));
+    println!("PSNR: {first:.1}, after 15 more {last:.1}, without means {without:.1} dB");
+    assert!(last > first + 2.0 && last > without + 2.0, "{first} {last} {without}");
+}
+
 /// Half the light rays where the view stays, all of them at first, after a turn, and for frames that stand alone.
 #[test]
 fn frames_at_rest_send_fewer_rays_and_moving_ones_all() {
@@ -464,7 +505,8 @@ fn frames_at_rest_send_fewer_rays_and_moving_ones_all() {
         Plan::mono(eye)
     };
     let mut rays = |rays: u32, reuse: bool| -> Vec<u64> {
-        (config.trace.rays, config.time) = (rays, TimeConfig { reuse, ..TimeConfig::default() });
+        // Pixels that look aside of their middles have other edges.
+        (config.trace.rays, config.time) = (rays, TimeConfig { reuse, pictures: 1, ..TimeConfig::default() });
         let mut renderer = renderer(&machine, &loaded, &config);
         let turns = [0.0, 0.0, 0.001, 0.031, 0.0315];
         turns.iter().map(|&yaw| renderer.frame(&plan(yaw), &[], 1).unwrap().rays).collect()

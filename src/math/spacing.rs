@@ -28,6 +28,12 @@ impl Axis {
     /// The picture's own pixels.
     pub const EVEN: Axis = Axis { picture: 0.0, gaze: 0.0, origin: 0.0, radius: 0.0, growth: 0.0 };
 
+    /// As many pixels as the picture has, each as wide as one of its, which can be shifted.
+    pub fn whole(picture: u32) -> Axis {
+        let picture = f64::from(picture);
+        Axis { picture, gaze: 0.0, origin: 0.0, radius: 2.0 * picture, growth: 1.0 / picture.max(1.0) }
+    }
+
     /// The pixels that show `picture` pixels, with the gaze at the whole pixel nearest to `gaze`; and how many they are.
     /// Even where those are no fewer.
     pub fn new(picture: u32, gaze: f64, radius: f64, growth: f64) -> (Axis, u32) {
@@ -107,7 +113,12 @@ impl Spacing {
     /// The picture's own pixels.
     pub const EVEN: Spacing = Spacing { columns: Axis::EVEN, rows: Axis::EVEN };
 
-    /// Whether pixels are the picture's own.
+    /// As many pixels as a picture has, which can be shifted.
+    pub fn whole(width: u32, height: u32) -> Spacing {
+        Spacing { columns: Axis::whole(width), rows: Axis::whole(height) }
+    }
+
+    /// Whether pixels are the picture's own, and cannot be shifted.
     pub fn is_even(&self) -> bool {
         self.columns.is_even() && self.rows.is_even()
     }
@@ -161,6 +172,18 @@ mod tests {
         for i in 0..199 {
             let pixel = axis.pixel(301.5 + f64::from(i));
             assert_eq!(pixel.fract(), 0.5, "the centres of both lie on each other");
+        }
+    }
+
+    #[test]
+    fn whole_pixels_are_the_pictures_and_can_be_shifted() {
+        let whole = Spacing::whole(1280, 1);
+        assert!(!whole.is_even() && whole.shifted(DVec2::ZERO) == whole);
+        let shifted = whole.shifted(DVec2::new(0.25, -0.5));
+        for pixel in [0.0, 0.5, 639.5, 1280.0] {
+            assert_eq!((whole.columns.point(pixel), whole.columns.pixel(pixel)), (pixel, pixel));
+            assert_eq!((shifted.columns.point(pixel), shifted.rows.point(0.5)), (pixel + 0.25, 0.0));
+            assert_eq!(whole.columns.width(pixel), 1.0);
         }
     }
 

@@ -350,6 +350,11 @@ impl Reconstruction {
         means.map_or(DVec2::ZERO, |means| means.jitter(view))
     }
 
+    /// Whether pixels of views that are not even are means over their last pictures.
+    pub fn takes_means(&self) -> bool {
+        self.resolve.is_some()
+    }
+
     /// Whether the next frame of the `index`-th view takes light from one before it that was seen from nearly the same
     /// place.
     pub fn remembers(&self, index: usize, view: &View) -> bool {

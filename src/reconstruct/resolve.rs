@@ -5,8 +5,7 @@
 //! the last mean is looked up where the surface was and held to the range of what is around it now, so that what is no
 //! longer there goes at once, and holds fewer pictures the faster it moves: none but its own from a pixel a picture on,
 //! where looking between pixels would soften more than it smooths. Where the eye itself is as fast all pictures look into
-//! the middles of their pixels, and are what they are without means. Views whose pixels are even have none: their pixels are no steps. The twin in `f64` is
-//! `src/reference/resolve.rs`.
+//! the middles of their pixels, and are what they are without means. The twin in `f64` is `src/reference/resolve.rs`.
 
 use std::sync::Arc;
 

@@ -12,6 +12,7 @@ use crate::error::Result;
 use crate::foveation::{BitMask, Law, Pattern, Workload, spaced};
 use crate::frame::meter::Metered;
 use crate::gpu::interop::{Shared, Sharing};
+use crate::math::spacing::Spacing;
 use crate::math::view::{FieldOfView, View};
 use crate::trace::pattern_maker::PatternRequest;
 use crate::trace::{SampleTarget, State};
@@ -99,9 +100,17 @@ impl Renderer {
         if alike || !self.settings.guided || self.settings.jitter { 0.0 } else { self.visibility_slope }
     }
 
+    /// Whether pixels are means over pictures, also where they are the picture's own: not where samples stand for pixels.
+    fn takes_means(&self) -> bool {
+        self.reconstruction.takes_means() && !self.settings.jitter && self.samples != Samples::Full
+    }
+
     /// A view with the pixels that the eye needs, at least as many as there are samples.
     fn spaced(&self, request: &ViewRequest) -> View {
-        let view = spaced(&request.view, request.gaze, self.slope(), request.widening);
+        let mut view = spaced(&request.view, request.gaze, self.slope(), request.widening);
+        if view.spacing.is_even() && self.takes_means() {
+            view.spacing = Spacing::whole(view.width, view.height);
+        }
         let samples = self.samples.of(request.view.pixels());
         if (samples..=self.reconstruction.most_pixels()).contains(&view.pixels()) {
             view
@@ -124,7 +133,7 @@ impl Renderer {
             None => {
                 let (direct, context) = (self.scheduler.direct(), &self.context);
                 // A gaze that moves needs a few more pixels here and there.
-                let pixels = if view.spacing.is_even() { view.pixels() } else { view.pixels() / 4 * 5 };
+                let pixels = (view.pixels() / 4 * 5).clamp(view.pixels(), view.picture().pixels());
                 let shared = || Shared::new(direct, context, pixels);
                 let visibility = self.settings.guided.then(shared).transpose()?;
                 Arc::new(SampleTarget { samples: Shared::new(direct, context, count)?, visibility })
