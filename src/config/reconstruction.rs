@@ -54,7 +54,7 @@ pub struct TimeConfig {
     pub frames: u32,
     /// Let samples of one eye serve the other, too.
     pub eyes: bool,
-    /// Pictures at most that the mean of a pixel holds, where pixels are wider than the picture's.
+    /// Pictures at most that the mean of a pixel holds, where samples are fewer than pixels.
     pub pictures: u32,
     /// Of [`super::TraceConfig::rays`], the part that a frame sends where one before it has left light and the view has hardly moved.
     pub rays: f64,
