@@ -151,20 +151,24 @@ impl Deformation {
         self.parts.iter().find(|own| own.part == part).map(|own| own.tree.clone())
     }
 
-    /// Takes an instant in, and tells `parted` where the parts may be; what goes too far stays where it was.
-    pub fn take(&mut self, motion: &Motion, pose: &Pose, anchor: DVec3, parted: &mut Parted) {
+    /// Takes an instant in, and tells `parted` where the parts may be; what goes too far stays where it was. Which of them are
+    /// elsewhere than before.
+    pub fn take(&mut self, motion: &Motion, pose: &Pose, anchor: DVec3, parted: &mut Parted) -> Vec<usize> {
+        let mut moved = Vec::new();
         for own in &self.parts {
             let part = &motion.parts[own.part];
             let matrices = part.geometry.joint_matrices(pose, part.node, &part.local);
             let weights = part.geometry.weights_in(pose);
             let Some(bounds) = own.reach.at(&matrices, weights, anchor) else { continue };
             parted.loosen(own.part, bounds);
-            for (row, matrix) in self.joints[own.joints.clone()].iter_mut().zip(&matrices) {
-                *row = rows(matrix, own.reach.middle(), anchor);
+            let joints = matrices.iter().map(|matrix| rows(matrix, own.reach.middle(), anchor));
+            let bent = replace(&mut self.joints[own.joints.clone()], joints);
+            let weights = weights.iter().map(|&weight| weight as f32);
+            if replace(&mut self.weights[own.weights.clone()], weights) || bent {
+                moved.push(own.part);
             }
-            let to = self.weights[own.weights.clone()].iter_mut();
-            to.zip(weights).for_each(|(to, &weight)| *to = weight as f32);
         }
+        moved
     }
 
     /// Takes another tree of a part in.
@@ -233,6 +237,16 @@ impl DeviceTrees {
 fn rows(matrix: &DMat4, middle: DVec3, anchor: DVec3) -> [[f32; 4]; 3] {
     let placed = DMat4::from_translation(-anchor) * *matrix * DMat4::from_translation(middle);
     [0, 1, 2].map(|axis| placed.row(axis).as_vec4().to_array())
+}
+
+/// Puts others in the place of values: whether any of them is another one.
+fn replace<T: PartialEq>(values: &mut [T], others: impl Iterator<Item = T>) -> bool {
+    let mut differ = false;
+    for (value, other) in values.iter_mut().zip(others) {
+        differ |= *value != other;
+        *value = other;
+    }
+    differ
 }
 
 /// Lists one after the other, and where each ends.

@@ -13,11 +13,12 @@
 //! same matrices.
 //!
 //! **Scenes that move.** What stays, and each shape that is kept once, is built once. Instances that move are placed elsewhere
-//! in the top level, which is built anew for each instant that rays are traced at. Parts whose vertices are others at each
-//! instant, small ones that move as a whole among them, have bottom levels that are built anew too, fast rather than good,
-//! from the corners that the kernels' own leaves have, whoever has deformed them: a kernel gathers those into memory that
-//! both APIs use. So rays meet the triangles that the kernels' rays meet, to the bit. What is hidden or flattened is placed
-//! nowhere. All of it stays in the same memory, and is built in front of the first rays of an instant, by the same commands.
+//! in the top level, which is built anew for each instant that rays are traced at, where anything has moved. Parts whose
+//! vertices are others at each instant, small ones that move as a whole among them, have bottom levels that are built anew
+//! too, fast rather than good, from the corners that the kernels' own leaves have, whoever has deformed them: a kernel gathers
+//! those into memory that both APIs use. So rays meet the triangles that the kernels' rays meet, to the bit. Parts that have
+//! not moved since they were built are not built again. What is hidden or flattened is placed nowhere. All of it stays in the
+//! same memory, and is built in front of the first rays of an instant, by the same commands.
 //!
 //! Both APIs are waited for by the host, between the kernels that lay rays out, the shader and the kernels that take them.
 
@@ -34,6 +35,7 @@ use crate::error::{Error, Result};
 use crate::gpu::interop::Shared;
 use crate::gpu::opencl::{Buffer, Device};
 use crate::gpu::vulkan::{BufferRef, Commands, Context, RayPipeline, Shader};
+use crate::waiting::Limits;
 pub use queries::{Answer, Asked, RayQueries};
 use structure::{Structure, Top};
 
@@ -140,7 +142,8 @@ impl HardwareRays {
             self.commands.begin()?;
             moving.renew(&mut self.commands);
             self.commands.submit()?;
-            self.commands.wait()?;
+            self.commands.wait_within(Limits::BUILDING)?;
+            moving.renewed();
         }
         Ok(())
     }
@@ -187,12 +190,11 @@ impl HardwareRays {
         Ok(())
     }
 
-    /// Frees the memory of rays, which OpenCL does not keep for what is in its queue. It is left to kernels of a device that
-    /// has failed, which may write to it yet.
+    /// Frees the memory of rays.
     fn let_go(&mut self) {
-        let Some(batch) = self.batch.take() else { return };
-        if batch.device.as_ref().is_some_and(|device| device.finish().is_err()) {
-            std::mem::forget(batch);
+        if let Some(batch) = self.batch.take() {
+            let device = batch.device.clone();
+            free(batch, || device.as_ref().map_or(Ok(()), Device::finish));
         }
     }
 
@@ -236,6 +238,9 @@ impl HardwareRays {
         self.commands.end_stage("rays");
         self.commands.submit()?;
         let ms = self.commands.wait()?.iter().map(|stage| stage.ms).sum();
+        if let Top::Moving(moving) = top {
+            moving.renewed();
+        }
         batch.acquire()?;
         Ok(ms)
     }
@@ -244,6 +249,17 @@ impl HardwareRays {
 impl Drop for HardwareRays {
     fn drop(&mut self) {
         self.let_go();
+        if let Top::Moving(moving) = &mut self.structure.top {
+            moving.let_go();
+        }
+    }
+}
+
+/// Frees memory that kernels write, which OpenCL does not keep for what is in its queue: `finish` waits for them. It is left
+/// to those of a device that has failed, which may write to it yet.
+fn free<T>(memory: T, finish: impl FnOnce() -> Result<()>) {
+    if finish().is_err() {
+        std::mem::forget(memory);
     }
 }
 

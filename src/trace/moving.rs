@@ -89,6 +89,8 @@ pub struct MovingScene {
     /// How wide triangles are at least that motion has flattened, in metres.
     width: f32,
     serial: u64,
+    /// Of each part the last instant at which its triangles came elsewhere; the first one, until they do.
+    changed: Vec<u64>,
     rebuild: Rebuild,
     /// Some part has another tree than at first.
     rebuilt: bool,
@@ -117,6 +119,8 @@ pub struct SceneState {
     pub(super) parts: Vec<PartsState>,
     /// Whether each part is hidden.
     pub(super) hidden: Vec<bool>,
+    /// The serial of the instant at which the triangles of each part came to their places, in space or in leaf order.
+    pub(super) changed: Vec<u64>,
     /// Those that devices bring there.
     pub(super) deformed: Option<Deformed>,
     /// All punctual lights, where some move.
@@ -163,6 +167,8 @@ impl MovingScene {
             lit: Lit::of(scene, first_triangle),
             width: size * 1e-6,
             serial: 0,
+            // Whoever deforms parts may round otherwise than was packed.
+            changed: vec![1; motion.parts.len()],
             rebuild: Rebuild::default(),
             rebuilt: false,
             packed: (first_triangle..mesh.triangles.len())
@@ -236,6 +242,7 @@ impl MovingScene {
 
     /// Everything at a time, in seconds since the animations began.
     pub fn at(&mut self, time: f64) -> SceneState {
+        self.serial += 1;
         let given: Vec<DMat4> = self.given.iter().map(|own| own.0).collect();
         self.rests = self.is_empty();
         let motion = self.motion.clone();
@@ -251,7 +258,8 @@ impl MovingScene {
         let instant = motion.with(pose, self.anchor, &self.own, &by_host);
         self.take(&instant);
         if let Some(deformation) = &mut self.deformation {
-            deformation.take(&motion, &instant.pose, self.anchor, &mut self.parted);
+            let moved = deformation.take(&motion, &instant.pose, self.anchor, &mut self.parted);
+            moved.into_iter().for_each(|part| self.changed[part] = self.serial);
         }
         let materials = self.materials.as_mut().map(|materials| materials.at(&self.motion, &instant.pose));
         if let Some(instances) = &self.instances {
@@ -267,7 +275,6 @@ impl MovingScene {
             self.runs.iter().map(|run| parted.refit(run.clone(), corners)).collect()
         };
         let mut leaves = refit(&mut self.parted);
-        self.serial += 1;
         let looks = Looks {
             motion: &motion,
             pose: &instant.pose,
@@ -284,6 +291,7 @@ impl MovingScene {
         let own = |part: usize| (motion.parts[part].triangles.start, motion.parts[part].triangles.len());
         if let Some(part) = self.rebuild.look_after(self.serial, &mut self.parted, look, own) {
             self.rebuilt = true;
+            self.changed[part] = self.serial;
             leaves = refit(&mut self.parted);
             if let Some(mut deformation) = self.deformation.take() {
                 deformation.replaced(part, &self.parted, |parts| self.triangles(parts));
@@ -309,6 +317,7 @@ impl MovingScene {
             compact_top: OnceLock::new(),
             parts: self.runs.iter().zip(leaves).map(|(run, leaves)| self.state_of(run, leaves)).collect(),
             hidden: (0..motion.parts.len()).map(|part| self.parted.is_hidden(part)).collect(),
+            changed: self.changed.clone(),
             lights: if self.motion.lights.is_empty() {
                 Vec::new()
             } else {
@@ -360,10 +369,14 @@ impl MovingScene {
     /// Takes an instant's vertices and lights in.
     fn take(&mut self, instant: &Instant) {
         let first = self.first_vertex;
-        for (part, vertices) in self.motion.parts.iter().zip(&instant.parts) {
+        for ((part, vertices), changed) in self.motion.parts.iter().zip(&instant.parts).zip(&mut self.changed)
+        {
             // What is not finite stays where it was.
             let Some(vertices) = vertices else { continue };
             let range = part.vertices.start - first..part.vertices.end - first;
+            if self.positions[range.clone()] != vertices.positions[..] {
+                *changed = self.serial;
+            }
             self.positions[range.clone()].copy_from_slice(&vertices.positions);
             self.normals[range.clone()].copy_from_slice(&vertices.normals);
             let all = self.tangents.get_mut(range).into_iter().flatten();

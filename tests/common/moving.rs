@@ -196,7 +196,6 @@ pub fn mirroring_world() -> Builder {
 /// The world without a lamp, whose box turns, and glows where that is said; it is seen from the beginning to 0.5 s, and
 /// again from 1.5 s on.
 pub fn blinking_world(glows: bool) -> Builder {
-    const UNSIGNED_BYTE: u32 = 5121;
     let mut builder = world(false);
     if glows {
         builder.json["materials"][0]["emissiveFactor"] = json!([1.0, 0.2, 0.2]);
@@ -205,17 +204,32 @@ pub fn blinking_world(glows: bool) -> Builder {
     }
     let nodes = builder.json["nodes"].as_array().unwrap();
     let turning = nodes.iter().position(|node| node["translation"] == json!([3.0, 1.0, 0.0])).unwrap();
+    blink(&mut builder, turning);
+    builder
+}
+
+/// The world without a lamp, whose tube is seen at those times alone.
+pub fn world_of_blinking_tube() -> Builder {
+    let mut builder = world(false);
+    let nodes = builder.json["nodes"].as_array().unwrap();
+    let skinned = nodes.iter().position(|node| !node["skin"].is_null()).unwrap();
+    blink(&mut builder, skinned);
+    builder
+}
+
+/// Has a node seen from the beginning to 0.5 s, and again from 1.5 s on.
+fn blink(builder: &mut Builder, node: usize) {
+    const UNSIGNED_BYTE: u32 = 5121;
     let times = builder.floats(&[[0.0], [0.5], [1.5], [2.0]]);
     let seen = builder.accessor(&[1, 0, 1, 1], UNSIGNED_BYTE, "SCALAR", 4);
-    animate(&mut builder, turning, "pointer", times, seen);
+    animate(builder, node, "pointer", times, seen);
     let animation = &mut builder.json["animations"][0];
     let last = |list: &Value| list.as_array().unwrap().len() - 1;
     let (sampler, channel) = (last(&animation["samplers"]), last(&animation["channels"]));
     animation["samplers"][sampler]["interpolation"] = json!("STEP");
-    let pointer = format!("/nodes/{turning}/extensions/KHR_node_visibility/visible");
+    let pointer = format!("/nodes/{node}/extensions/KHR_node_visibility/visible");
     animation["channels"][channel]["target"] =
         json!({ "path": "pointer", "extensions": { "KHR_animation_pointer": { "pointer": pointer } } });
-    builder
 }
 
 /// Adds a channel to the first animation.

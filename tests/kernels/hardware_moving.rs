@@ -10,6 +10,7 @@ use foveate::gpu::opencl::Device;
 use foveate::gpu::vulkan::Context;
 use foveate::layout::HitRecord;
 use foveate::math::view::View;
+use foveate::scene::animation::Part;
 use foveate::scene::{AlphaMode, Instancing};
 use foveate::trace::DeformedBy::{Devices, Host};
 use foveate::trace::{DeformedBy, MovingScene, SceneData, SceneState, Settings, Tracer, Traversal};
@@ -17,7 +18,7 @@ use glam::DVec3;
 
 use crate::bench::{Bench, PLAIN, Picture, all_pixels, view};
 use crate::common::builder::Builder;
-use crate::common::moving::{balls, blinking_world, mirroring_world, world_of_two};
+use crate::common::moving::{balls, blinking_world, mirroring_world, world_of_blinking_tube, world_of_two};
 use crate::guided::light;
 use crate::hardware::{differ, on_shared_memory};
 use crate::variants::alike;
@@ -106,12 +107,15 @@ fn hits_of(picture: &Picture, triangles: &Range<u32>) -> usize {
 
 /// What hits call the triangles of what keeps its form: those of the first such part, or of all instances.
 fn rigid(loaded: &Loaded) -> Range<u32> {
+    let instances = loaded.bvh.order.len() as u32..u32::MAX;
+    places(loaded, |part| part.geometry.skin.is_none()).unwrap_or(instances)
+}
+
+/// What hits call the triangles of the first such part, if there is one.
+fn places(loaded: &Loaded, is_it: impl Fn(&Part) -> bool) -> Option<Range<u32>> {
     let (motion, parted) = (loaded.scene.motion.as_ref().unwrap(), loaded.parted.as_ref().unwrap());
-    let Some(part) = motion.parts.iter().position(|part| part.geometry.skin.is_none()) else {
-        return loaded.bvh.order.len() as u32..u32::MAX;
-    };
-    let own = &parted.parts[part];
-    own.first_place as u32..(own.first_place + own.order.len()) as u32
+    let own = &parted.parts[motion.parts.iter().position(is_it)?];
+    Some(own.first_place as u32..(own.first_place + own.order.len()) as u32)
 }
 
 const EITHER_WAY: [(Instancing, DeformedBy); 3] =
@@ -149,6 +153,23 @@ fn what_is_hidden_is_not_hit() {
                 let counts = both.at(time).map(|picture| hits_of(&picture, &own));
                 assert!(counts.iter().all(|&count| (count > 100) == is_seen), "{time}: {counts:?}");
                 assert!(is_seen || counts == [0; 2], "{time}: {counts:?}");
+            }
+        }
+    });
+}
+
+/// The same of what is deformed, whoever does that: meanwhile it moves on.
+#[test]
+fn what_is_deformed_and_hidden_is_not_hit() {
+    on_shared_memory(|device, context| {
+        for by in [Host, Devices] {
+            let loaded = load(world_of_blinking_tube(), Instancing::Flat);
+            let own = places(&loaded, |part| part.geometry.skin.is_some()).unwrap();
+            let mut both = Both::new((device, context), &loaded, by, &format!("{by:?}"));
+            for (time, is_seen) in [(0.2, true), (1.0, false), (1.8, true), (0.9, false), (1.6, true)] {
+                let counts = both.at(time).map(|picture| hits_of(&picture, &own));
+                assert!(counts.iter().all(|&count| (count > 100) == is_seen), "{by:?} {time}: {counts:?}");
+                assert!(is_seen || counts == [0; 2], "{by:?} {time}: {counts:?}");
             }
         }
     });

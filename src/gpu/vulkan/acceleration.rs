@@ -14,7 +14,7 @@ use super::memory::{Allocation, HostBuffer};
 use crate::error::{Error, Result};
 use crate::waiting::Limits;
 pub use records::{DynamicTriangles, Placement, Triangles};
-use records::{TRIANGLE_BYTES, instances, instances_of, triangles};
+use records::{Record, TRIANGLE_BYTES, instances, record_of, triangles};
 
 /// What places of acceleration structures in memory are multiples of.
 const STRUCTURE_ALIGNMENT: u64 = 256;
@@ -45,6 +45,8 @@ pub struct TopLevel(pub(super) Arc<Structure>);
 pub struct DynamicTopLevel {
     top: TopLevel,
     placements: Vec<Placement>,
+    /// Those whose records are to be written before it is built.
+    changed: Vec<usize>,
     input: HostBuffer,
     scratch: Arc<Allocation>,
 }
@@ -203,8 +205,9 @@ impl DynamicLevels {
     /// [`Error::Device`] where the device has no room for them.
     ///
     /// # Panics
-    /// If the context has no ray queries switched on, or a part is empty.
+    /// If the context has no ray queries switched on, a part is empty, or there is none: nothing would be built.
     pub fn new(context: &Context, parts: &[DynamicTriangles]) -> Result<Self> {
+        assert!(!parts.is_empty(), "bottom levels of no parts");
         let RayFunctions { most_triangles, scratch_alignment, .. } = functions(context);
         let (mut bytes, mut scratch, mut places) = (0, 0, Vec::new());
         for part in parts {
@@ -284,8 +287,7 @@ impl TopLevel {
     /// # Panics
     /// If the context has no ray queries switched on.
     pub fn build(context: &Context, placements: &[Placement]) -> Result<Self> {
-        let input = instance_input(context, placements.len())?;
-        input.write(0, &instances_of(placements));
+        let input = instance_input(context, placements)?;
         let (geometry, count) = ([instances(address(context, &input.0))], [placements.len() as u32]);
         let plan = Plan { kind: TOP, flags: ONCE, geometries: &geometry, counts: &count };
         // SAFETY: the records lie in `input`, which is handed over; what they refer to is kept.
@@ -302,19 +304,25 @@ impl DynamicTopLevel {
     /// # Panics
     /// If the context has no ray queries switched on.
     pub fn new(context: &Context, placements: Vec<Placement>) -> Result<Self> {
-        let input = instance_input(context, placements.len())?;
+        let input = instance_input(context, &placements)?;
         let (geometry, count) = ([instances(address(context, &input.0))], [placements.len() as u32]);
         let plan = Plan { kind: TOP, flags: OFTEN, geometries: &geometry, counts: &count };
         let (structure, scratch) = plan.alone(context, below(&placements))?;
-        Ok(DynamicTopLevel { top: TopLevel(structure), placements, input, scratch })
+        Ok(DynamicTopLevel { top: TopLevel(structure), placements, changed: Vec::new(), input, scratch })
     }
 
-    /// Puts a placement elsewhere, from the next build on.
+    /// Puts a placement somewhere, from the next build on: whether that is elsewhere.
     ///
     /// # Panics
     /// If there are fewer placements.
-    pub fn place(&mut self, placement: usize, world_from_shape: [[f32; 4]; 3]) {
-        self.placements[placement].world_from_shape = world_from_shape;
+    pub fn place(&mut self, placement: usize, world_from_shape: [[f32; 4]; 3]) -> bool {
+        let own = &mut self.placements[placement].world_from_shape;
+        if *own == world_from_shape {
+            return false;
+        }
+        *own = world_from_shape;
+        self.changed.push(placement);
+        true
     }
 
     /// What rays are traced through, as it was last built.
@@ -323,8 +331,10 @@ impl DynamicTopLevel {
     }
 
     /// Records its build; no build before is under way.
-    pub(super) fn record(&self, commands: &mut Commands) {
-        self.input.write(0, &instances_of(&self.placements));
+    pub(super) fn record(&mut self, commands: &mut Commands) {
+        for placement in self.changed.drain(..) {
+            self.input.write(placement * size_of::<Record>(), &[record_of(&self.placements[placement])]);
+        }
         let context = &self.top.0.context;
         let (geometry, count) =
             ([instances(address(context, &self.input.0))], [self.placements.len() as u32]);
@@ -410,13 +420,15 @@ fn range(count: u32) -> vk::AccelerationStructureBuildRangeInfoKHR {
     vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count)
 }
 
-/// Memory for the records of so many placements.
-fn instance_input(context: &Context, count: usize) -> Result<HostBuffer> {
-    let most = functions(context).most_instances;
+/// The records of placements, for builds to read.
+fn instance_input(context: &Context, placements: &[Placement]) -> Result<HostBuffer> {
+    let (count, most) = (placements.len(), functions(context).most_instances);
     if count as u64 > most {
         return Err(too_many(context, count, "instances", most));
     }
-    HostBuffer::build_input(context, count * size_of::<[u32; 16]>())
+    let input = HostBuffer::build_input(context, count * size_of::<Record>())?;
+    input.write(0, &placements.iter().map(record_of).collect::<Vec<_>>());
+    Ok(input)
 }
 
 /// What placements show, each once.

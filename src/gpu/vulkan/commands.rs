@@ -353,7 +353,8 @@ impl Commands {
         self.wait_within(Limits::MOMENTS)
     }
 
-    pub(super) fn wait_within(&mut self, limits: Limits) -> Result<Vec<StageTime>> {
+    /// As [`Commands::wait`], for what takes drivers longer.
+    pub(crate) fn wait_within(&mut self, limits: Limits) -> Result<Vec<StageTime>> {
         let Some(since) = self.submitted else { return Ok(Vec::new()) };
         // SAFETY: the fence was submitted.
         if let Err(error) = unsafe { self.context.await_fence(self.fence, limits) } {

@@ -2,7 +2,7 @@
 //!
 //! [`Context`] is a device and its queue. [`HostBuffer`], [`DeviceBuffer`] and [`Image`] are memory on
 //! it, [`ComputePipeline`] and [`PassPipeline`] are shaders, and [`Commands`] records and submits
-//! their use. Where a device has ray queries and they are asked for, [`TopLevel`] is a scene for a [`RayPipeline`] to trace. Everything keeps alive what it needs, and commands keep what they use until it is
+//! their use. Where a device has ray queries and they are asked for, a top level of acceleration structures is a scene for ray pipelines to trace, inside the program alone: nothing may be traced before it is built. Everything keeps alive what it needs, and commands keep what they use until it is
 //! done, so no order of drops is wrong.
 
 mod acceleration;
@@ -15,7 +15,7 @@ mod pipeline;
 #[cfg(feature = "window")]
 mod swapchain;
 
-pub use acceleration::{
+pub(crate) use acceleration::{
     BottomLevel, DynamicLevels, DynamicTopLevel, DynamicTriangles, Placement, TopLevel, Triangles,
 };
 pub use ash::vk::Format;
@@ -26,7 +26,8 @@ pub use context::{
 };
 pub use image::{Encoding, Image, Target};
 pub use memory::{BufferRef, DeviceBuffer, HostBuffer};
-pub use pipeline::{Attachments, ComputePipeline, PassPipeline, RayPipeline, Shader};
+pub(crate) use pipeline::RayPipeline;
+pub use pipeline::{Attachments, ComputePipeline, PassPipeline, Shader};
 #[cfg(feature = "window")]
 pub use swapchain::{Presenting, Shown, Swapchain, Window, window_extensions};
 
@@ -44,6 +45,24 @@ pub(crate) mod testing {
             Err(error) => {
                 assert!(std::env::var("CI").as_deref() != Ok("true"), "{error}");
                 println!("not run: no Vulkan device ({error})");
+                None
+            }
+        }
+    }
+
+    /// A device with ray queries and the validation layer; `None`, and a line that says why, where there is none, which
+    /// is a failure likewise.
+    pub fn tracing_context() -> Option<Context> {
+        let options = ContextOptions { validation: true, ray_queries: true, ..ContextOptions::default() };
+        let opened = Context::new(&options).map_err(|error| error.to_string()).and_then(|context| {
+            let lacks = context.report().lacks_ray_queries.clone();
+            lacks.map_or(Ok(context), Err)
+        });
+        match opened {
+            Ok(context) => Some(context),
+            Err(why) => {
+                assert!(std::env::var("CI").as_deref() != Ok("true"), "{why}");
+                println!("not run: no Vulkan device has ray queries under the validation layer ({why})");
                 None
             }
         }

@@ -84,6 +84,8 @@ impl SceneData {
         let all = self.triangles.len() as u32;
         let instances = self.instances.as_deref().unwrap_or_default().get(1..).unwrap_or_default();
         let moving = self.moving.places();
+        // Where there is no instance, there is no shape behind the world's triangles either: none is loaded that is nowhere.
+        debug_assert!(self.instances.is_none() || !instances.is_empty(), "shapes without an instance");
         let world_end =
             instances.first().map_or(all, |instance| instance.first_triangle) - moving.len() as u32;
         let world =

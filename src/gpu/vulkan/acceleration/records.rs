@@ -82,14 +82,12 @@ pub(super) fn instances<'a>(start: vk::DeviceAddress) -> vk::AccelerationStructu
         .geometry(vk::AccelerationStructureGeometryDataKHR { instances: data })
 }
 
-/// The records of placements.
-pub(super) fn instances_of(placements: &[Placement]) -> Vec<[u32; 16]> {
-    placements.iter().map(instance).collect()
-}
+/// A VkAccelerationStructureInstanceKHR.
+pub(super) type Record = [u32; 16];
 
-/// A VkAccelerationStructureInstanceKHR that every mask sees; one of nothing where the matrix flattens.
-fn instance(placement: &Placement) -> [u32; 16] {
-    let mut record = [0u32; 16];
+/// The record of a placement, which every mask sees; one of nothing where the matrix flattens.
+pub(super) fn record_of(placement: &Placement) -> Record {
+    let mut record = Record::default();
     let volume = determinant(&placement.world_from_shape);
     if volume == 0.0 || !volume.is_finite() {
         return record;

@@ -1,5 +1,9 @@
 //! Sets of bindings, kept from one submission to the next: frames bind the same buffers again and again, and drivers
 //! take longer to make a set than to record the commands that use it.
+//!
+//! A pool whose sets are given back one by one, and have different layouts, may have holes that no other set fits. So none is
+//! given back: those that are not asked for any more are written anew for the next bindings of their pipeline, and a pool that
+//! has little room left is emptied between two submissions.
 #![allow(unsafe_code)]
 
 use std::sync::{Arc, Weak};
@@ -15,6 +19,8 @@ use crate::gpu::vulkan::pipeline::Pipeline;
 /// Bindings of buffers in one pool, and sets of them.
 const BINDINGS: u32 = 4096;
 const SETS: u32 = 1024;
+/// A pool of which this share is taken is emptied before the next submission, which may need the rest.
+const FULL: (u32, u32) = (SETS / 2, BINDINGS / 2);
 /// Submissions that a set is kept for without being used: what is read in one frame and written in the next is bound by
 /// every other one.
 const KEPT: u32 = 2;
@@ -24,7 +30,18 @@ pub(super) struct Bindings {
     context: Context,
     pool: vk::DescriptorPool,
     sets: Vec<Set>,
+    /// Sets that nobody asks for any more.
+    spare: Vec<Spare>,
+    /// Sets and bindings of buffers that the pool has given, whoever has them.
+    taken: (u32, u32),
     submission: u32,
+}
+
+/// A set that binds something else before it is used again.
+struct Spare {
+    handle: vk::DescriptorSet,
+    /// Whose layout it has.
+    pipeline: Weak<Pipeline>,
 }
 
 /// A set of bindings. What it names may be gone: then nobody asks for it again.
@@ -84,12 +101,12 @@ impl Bindings {
             size(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR, SETS),
         ];
         let kinds = if context.traces_rays() { &sizes[..] } else { &sizes[..1] };
-        let flags = vk::DescriptorPoolCreateFlags::FREE_DESCRIPTOR_SET;
-        let info = vk::DescriptorPoolCreateInfo::default().flags(flags).max_sets(SETS).pool_sizes(kinds);
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(SETS).pool_sizes(kinds);
         // SAFETY: the info is valid; the pool is destroyed by the struct's drop.
         let pool = unsafe { context.0.device.create_descriptor_pool(&info, None) }
             .map_err(|code| context.refused("a descriptor pool", code))?;
-        Ok(Bindings { context: context.clone(), pool, sets: Vec::new(), submission: 0 })
+        let (sets, spare) = (Vec::new(), Vec::new());
+        Ok(Bindings { context: context.clone(), pool, sets, spare, taken: (0, 0), submission: 0 })
     }
 
     /// Begins another submission, once the one before is done; gives up sets that the last ones have not used.
@@ -98,19 +115,23 @@ impl Bindings {
     /// [`crate::Error::Device`] if the device is lost.
     pub fn begin(&mut self) -> Result<()> {
         self.submission = self.submission.wrapping_add(1);
-        self.give_up(KEPT)
+        if self.taken.0 >= FULL.0 || self.taken.1 >= FULL.1 {
+            return self.empty();
+        }
+        let now = self.submission;
+        let old = self.sets.extract_if(.., |set| now.wrapping_sub(set.used) > KEPT);
+        self.spare.extend(old.map(|set| Spare { handle: set.handle, pipeline: set.pipeline }));
+        Ok(())
     }
 
-    /// Gives up sets that this submission and so many before it have not used.
-    fn give_up(&mut self, kept: u32) -> Result<()> {
-        let now = self.submission;
-        let old = self.sets.extract_if(.., |set| now.wrapping_sub(set.used) > kept);
-        let old: Vec<vk::DescriptorSet> = old.map(|set| set.handle).collect();
-        if old.is_empty() {
-            return Ok(());
-        }
-        // SAFETY: submissions that have used them are done.
-        unsafe { self.context.0.device.free_descriptor_sets(self.pool, &old) }
+    /// Gives all sets back.
+    fn empty(&mut self) -> Result<()> {
+        self.sets.clear();
+        self.spare.clear();
+        self.taken = (0, 0);
+        let flags = vk::DescriptorPoolResetFlags::empty();
+        // SAFETY: submissions that have used its sets are done, and the sets are forgotten.
+        unsafe { self.context.0.device.reset_descriptor_pool(self.pool, flags) }
             .map_err(|code| self.context.refused("giving up bindings", code))
     }
 
@@ -129,7 +150,7 @@ impl Bindings {
             set.used = now;
             return Ok(set.handle);
         }
-        let handle = self.allocate(pipeline)?;
+        let handle = self.take_spare(pipeline).map_or_else(|| self.allocate(pipeline), Ok)?;
         self.write(handle, pipeline, buffers, structure);
         self.sets.push(Set {
             handle,
@@ -141,19 +162,22 @@ impl Bindings {
         Ok(handle)
     }
 
-    /// A new set. Where the pool has no more, those of earlier submissions make room.
+    /// A set of the pipeline's layout that binds something else.
+    fn take_spare(&mut self, pipeline: &Arc<Pipeline>) -> Option<vk::DescriptorSet> {
+        let fits = |spare: &Spare| std::ptr::eq(spare.pipeline.as_ptr(), Arc::as_ptr(pipeline));
+        let at = self.spare.iter().position(fits)?;
+        Some(self.spare.swap_remove(at).handle)
+    }
+
+    /// A new set.
     fn allocate(&mut self, pipeline: &Pipeline) -> Result<vk::DescriptorSet> {
-        let bindings: usize = self.sets.iter().map(|set| set.buffers.len()).sum();
-        let wanted = bindings + pipeline.layout.buffers as usize;
-        if wanted > BINDINGS as usize || self.sets.len() >= SETS as usize {
-            self.give_up(0)?;
-        }
         let layouts = [pipeline.layout.set];
         let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.pool).set_layouts(&layouts);
         // SAFETY: pool and layout belong to the device and live.
-        unsafe { self.context.0.device.allocate_descriptor_sets(&info) }
-            .map(|sets| sets[0])
-            .map_err(|code| self.context.refused("binding buffers", code))
+        let sets = unsafe { self.context.0.device.allocate_descriptor_sets(&info) }
+            .map_err(|code| self.context.refused("binding buffers", code))?;
+        self.taken = (self.taken.0 + 1, self.taken.1 + pipeline.layout.buffers);
+        Ok(sets[0])
     }
 
     fn write(
@@ -194,7 +218,7 @@ impl Bindings {
             })
             .chain(of_structure)
             .collect();
-        // SAFETY: the set is new, and what is written lives.
+        // SAFETY: no submission uses the set yet, or those that have are done, and what is written lives.
         unsafe { self.context.0.device.update_descriptor_sets(&writes, &[]) };
     }
 
@@ -209,102 +233,4 @@ impl Bindings {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::gpu::vulkan::{Commands, ComputePipeline, HostBuffer, Shader, testing};
-
-    const SHADER: Shader = Shader {
-        name: "filter.wgsl",
-        words: include_bytes!(concat!(env!("OUT_DIR"), "/filter.spv")),
-        buffers: 5,
-        push: PUSH as u32,
-    };
-    const PUSH: usize = 112;
-    /// Where its push constants tell how many samples there are.
-    const COUNT: usize = 80;
-
-    /// A sample whose three words of radiance are this.
-    fn sample(context: &Context, radiance: f32) -> HostBuffer {
-        let buffer = HostBuffer::new(context, 48).unwrap();
-        buffer.write(0, &[radiance; 12]);
-        buffer
-    }
-
-    /// What the shader makes of it: twice in one submission, to the same place.
-    fn run(
-        commands: &mut Commands,
-        pipeline: &ComputePipeline,
-        sample: &HostBuffer,
-        rest: [&HostBuffer; 2],
-    ) -> [u32; 2] {
-        let mut push = [0u8; PUSH];
-        push[COUNT] = 1;
-        let [from, to, dropped] = [sample.into(), rest[0].into(), rest[1].into()];
-        let buffers: [Option<&BufferRef>; 5] = [Some(&from), Some(&to), Some(&dropped), None, None];
-        commands.begin().unwrap();
-        for _ in 0..2 {
-            commands.dispatch(pipeline, &buffers, &push, [1, 1, 1]).unwrap();
-            commands.barrier();
-        }
-        commands.submit().unwrap();
-        commands.wait().unwrap();
-        rest[0].read(0, 2).try_into().unwrap()
-    }
-
-    /// Sets are used again for the same buffers and for no others, though these may lie where others lay, and go when
-    /// nobody asks for them any more.
-    #[test]
-    fn sets_are_kept_for_what_they_bind() {
-        let Some(context) = testing::context() else { return };
-        let pipeline = ComputePipeline::new(&context, &SHADER, "take_radiance").unwrap();
-        let mut commands = Commands::new(&context).unwrap();
-        let (to, dropped) = (sample(&context, 0.0), sample(&context, 0.0));
-        let rest = [&to, &dropped];
-        let mut samples = [1.0, 2.0].map(|radiance| sample(&context, radiance));
-        let first: Vec<_> =
-            samples.iter().map(|sample| run(&mut commands, &pipeline, sample, rest)).collect();
-        assert_ne!(first[0], first[1]);
-        let handles: Vec<_> = commands.bindings.sets.iter().map(|set| set.handle).collect();
-        assert_eq!(handles.len(), 2, "one for each");
-        for turn in 0..6 {
-            assert_eq!(run(&mut commands, &pipeline, &samples[turn % 2], rest), first[turn % 2]);
-        }
-        assert!(commands.bindings.sets.iter().map(|set| set.handle).eq(handles), "the same ones");
-        for radiance in [3.0, 4.0, 5.0] {
-            samples[0] = sample(&context, radiance);
-            let fresh = run(&mut commands, &pipeline, &samples[0], rest);
-            assert!(!first.contains(&fresh), "{radiance}: {fresh:?}");
-        }
-        for _ in 0..=KEPT {
-            run(&mut commands, &pipeline, &samples[0], rest);
-        }
-        assert_eq!(commands.bindings.sets.len(), 1, "others were not asked for any more");
-        drop(commands);
-        testing::assert_valid(&context);
-    }
-
-    /// A pool that is full of sets of earlier submissions has room again.
-    #[test]
-    fn sets_make_room_for_others() {
-        let Some(context) = testing::context() else { return };
-        let pipeline = ComputePipeline::new(&context, &SHADER, "take_radiance").unwrap();
-        let mut bindings = Bindings::new(&context).unwrap();
-        let buffer = HostBuffer::new(&context, 1 << 20).unwrap();
-        let all = BufferRef::from(&buffer);
-        let parts: Vec<BufferRef> =
-            (0..BINDINGS as usize / 5).map(|part| all.part(part * 1024, 48)).collect();
-        for _ in 0..2 {
-            bindings.begin().unwrap();
-            for part in &parts {
-                bindings.set(&pipeline.0, &[Some(part), None, None, None, None], None).unwrap();
-            }
-            assert_eq!(bindings.sets.len(), parts.len());
-        }
-        bindings.begin().unwrap();
-        bindings.set(&pipeline.0, &[None, Some(&parts[0]), None, None, None], None).unwrap();
-        assert_eq!(bindings.sets.len(), 1, "the pool had no room for one more");
-        // SAFETY: nothing was submitted.
-        unsafe { bindings.destroy() };
-        testing::assert_valid(&context);
-    }
-}
+mod tests;

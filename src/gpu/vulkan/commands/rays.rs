@@ -17,7 +17,7 @@ impl Commands {
     ///
     /// # Panics
     /// If buffers or push constants are not as many as the shader has.
-    pub fn trace(
+    pub(crate) fn trace(
         &mut self,
         pipeline: &RayPipeline,
         structure: &TopLevel,
@@ -38,7 +38,7 @@ impl Commands {
     ///
     /// # Panics
     /// If there are fewer corners.
-    pub fn build_levels(
+    pub(crate) fn build_levels(
         &mut self,
         levels: &DynamicLevels,
         corners: &BufferRef,
@@ -53,7 +53,7 @@ impl Commands {
     }
 
     /// Has a top level built from where its placements are now; no commands before are under way that build it.
-    pub fn build_top(&mut self, top: &DynamicTopLevel) {
+    pub(crate) fn build_top(&mut self, top: &mut DynamicTopLevel) {
         top.record(self);
         self.barrier();
     }

@@ -2,23 +2,8 @@ use glam::Vec3;
 
 use super::*;
 use crate::bvh::WideBvh;
-use crate::gpu::vulkan::{ContextOptions, testing};
+use crate::gpu::vulkan::testing;
 use crate::scene::{AlphaMode, Material};
-
-/// A device with ray queries under the validation layer; says so where there is none, which a machine of CI=true has
-/// promised.
-fn context() -> Option<Context> {
-    let options = ContextOptions { validation: true, ray_queries: true, ..ContextOptions::default() };
-    let context = Context::new(&options).ok().filter(Context::traces_rays);
-    assert!(
-        context.is_some() || std::env::var("CI").as_deref() != Ok("true"),
-        "no Vulkan device traces rays"
-    );
-    if context.is_none() {
-        println!("not run: no Vulkan device here has ray queries");
-    }
-    context
-}
 
 /// Squares across the z axis, seen from the front by who looks along it: at 2, 3, 4 and 5, farther ones larger, of one side,
 /// with alpha, of two sides, and of one side but turned.
@@ -60,7 +45,7 @@ const KNOWN: [Known; 6] = [
 
 #[test]
 fn known_rays_have_known_answers() {
-    let Some(context) = context() else { return };
+    let Some(context) = testing::tracing_context() else { return };
     let scene = squares();
     let tree = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let mut queries = RayQueries::new(&context, &scene, &tree).unwrap();
@@ -96,7 +81,7 @@ fn known_rays_have_known_answers() {
 
 #[test]
 fn a_scene_of_nothing_is_missed() {
-    let Some(context) = context() else { return };
+    let Some(context) = testing::tracing_context() else { return };
     let scene = Scene::default();
     let tree = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let mut queries = RayQueries::new(&context, &scene, &tree).unwrap();
