@@ -163,20 +163,36 @@ INLINED static bool aim_light_ray(const Scene *scene, const Shading *shading, co
     return true;
 }
 
-// The light of a ray, which the surface has sent that it has met at t. It is found by reflected rays alone, so it counts by
-// their density; emitters' light by that of rays aimed at them, too.
-INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
-                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, KEPT Surface *kept, uint *rays)
+// What of light by a surface that a light ray has met comes from the surface itself. It is found by reflected rays alone, so it
+// counts by their density; emitters' light by that of rays aimed at them, too.
+INLINED static float3 own_light_of(const Scene *scene, const Shading *shading, const Sample *sample, float3 d, uint place, float t)
 {
     const Mixture *m = &sample->mixture;
     float reflected = reflected_density(&sample->surface, m, sample->view, d) * looking_share(shading);
-    float3 light = emission_met(scene, shading, &sample->surface, sample->origin, d, place, t, reflected, m->emitters);
-    if (shading->bounces > 0u || shading->cached) {
-        float3 found = light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, kept, rays);
-        light += is_smooth || shading->bounces > 0u ? found : without_spot(cache, found);
-    }
+    return emission_met(scene, shading, &sample->surface, sample->origin, d, place, t, reflected, m->emitters);
+}
+
+// Whether surfaces send on what they are lit by.
+static bool sends_light_on(const Shading *shading) { return shading->bounces > 0u || shading->cached; }
+
+// That light as it counts.
+static float3 sent_on(const Shading *shading, const Cache *cache, bool is_smooth, float3 found)
+{
+    return is_smooth || shading->bounces > 0u ? found : without_spot(cache, found);
+}
+
+#if !SINGLE_RAYS
+// The light of a ray, which the surface has sent that it has met at t.
+INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
+                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, KEPT Surface *kept, uint *rays)
+{
+    float3 light = own_light_of(scene, shading, sample, d, place, t);
+    if (sends_light_on(shading))
+        light += sent_on(shading, cache, is_smooth,
+                         light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, kept, rays));
     return light * indirect;
 }
+#endif
 
 static void clear_light(SampleLight *light)
 {

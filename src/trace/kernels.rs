@@ -153,16 +153,22 @@ kernels! {
     /// Chooses the light rays of samples.
     GenerateLightRays = generate_light_rays(
         scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
-        light_rays: &Buffer<u32>, queue: &Buffer<u32>,
+        light_rays: &Buffer<u32>, queue: &Buffer<u32>, paths: &Buffer<u32>,
     );
     /// Traces them.
     IntersectLightRays = intersect_light_rays(
         scene: SceneOf, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>, queue: &Buffer<u32>,
     );
-    /// Looks at the surfaces that they have met.
+    /// Takes what is known of the light that they have met.
     ShadeLightHits = shade_light_hits(
+        scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>,
+        paths: &Buffer<u32>,
+    );
+    /// Follows paths from where it is not known.
+    ShadeLightPaths = shade_light_paths(
         scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
-        light_rays: &Buffer<u32>, queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
+        light_rays: &Buffer<u32>, paths: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
         cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
     );
     /// Adds up what they bring.

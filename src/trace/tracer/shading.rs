@@ -8,7 +8,7 @@ use crate::trace::Traversal;
 use crate::trace::hardware::{GROUP, RAY_WORDS};
 use crate::trace::kernels::{
     BeginSamples, EndSamples, GenerateLightRays, Grid, IntersectLightRays, ResolveLight, SceneOf, ShadeGlass,
-    ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
+    ShadeLightHits, ShadeLightPaths, ShadePunctual, ShadeSamples, TraceSunRays,
 };
 use crate::trace::light_cache::LookedUp;
 use crate::trace::source::{STATE_BYTES, SURFACE_BYTES};
@@ -59,6 +59,7 @@ impl SampleShading {
                 "trace_sun_rays",
                 "intersect_light_rays",
                 "shade_light_hits",
+                "shade_light_paths",
                 "shade_punctual",
                 "shade_glass",
             ],
@@ -108,6 +109,7 @@ pub(in crate::trace) struct Wavefront {
     generate_light_rays: GenerateLightRays,
     intersect_light_rays: IntersectLightRays,
     shade_light_hits: ShadeLightHits,
+    shade_light_paths: ShadeLightPaths,
     resolve_light: ResolveLight,
     shade_punctual: ShadePunctual,
     shade_glass: ShadeGlass,
@@ -123,6 +125,8 @@ struct Memory {
     states: Buffer<u32>,
     rays: Buffer<u32>,
     queue: Buffer<u32>,
+    /// Those of them that paths are followed for.
+    paths: Buffer<u32>,
     /// A surface for each work-item that looks at hits.
     kept_surfaces: Buffer<u32>,
 }
@@ -135,6 +139,7 @@ impl Wavefront {
             generate_light_rays: GenerateLightRays::of(program)?,
             intersect_light_rays: IntersectLightRays::of(program)?,
             shade_light_hits: ShadeLightHits::of(program)?,
+            shade_light_paths: ShadeLightPaths::of(program)?,
             resolve_light: ResolveLight::of(program)?,
             shade_punctual: ShadePunctual::of(program)?,
             shade_glass: ShadeGlass::of(program)?,
@@ -188,7 +193,6 @@ impl Wavefront {
         let group = Traversal::SingleRay.group();
         let of_samples = Grid { items: count as usize, group };
         let of_rays = Grid { items: count as usize * BATCH, group };
-        let of_hits = Grid { items: lanes_of_hits(count as usize), group };
         events.push(
             self.begin_samples
                 .launch(of_samples, scene, camera, shading, samples, first, count, hits, states)?
@@ -211,7 +215,18 @@ impl Wavefront {
             let (rays, queue) = memory.under_way(hardware.as_deref())?;
             events.push(
                 self.generate_light_rays
-                    .launch(of_rays, scene, camera, shading, first_ray, count, states, rays, queue)?
+                    .launch(
+                        of_rays,
+                        scene,
+                        camera,
+                        shading,
+                        first_ray,
+                        count,
+                        states,
+                        rays,
+                        queue,
+                        &memory.paths,
+                    )?
                     .into(),
             );
             let left = match &mut hardware {
@@ -227,26 +242,7 @@ impl Wavefront {
                     self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?;
                 events.push(traced.into());
             }
-            events.push(
-                self.shade_light_hits
-                    .launch(
-                        of_hits,
-                        scene,
-                        camera,
-                        shading,
-                        first_ray,
-                        count,
-                        states,
-                        rays,
-                        queue,
-                        info,
-                        keys,
-                        cells,
-                        counters,
-                        kept_surfaces,
-                    )?
-                    .into(),
-            );
+            self.shade_hits(work, memory, (rays, queue), first_ray, events)?;
             events.push(
                 self.resolve_light.launch(of_samples, scene, shading, count, states, rays, counters)?.into(),
             );
@@ -284,6 +280,56 @@ impl Wavefront {
         );
         Ok(())
     }
+
+    /// Enqueues what looks at the surfaces that light rays have met.
+    fn shade_hits(
+        &self,
+        work: &Work,
+        memory: &Memory,
+        (rays, queue): (&Buffer<u32>, &Buffer<u32>),
+        first_ray: u32,
+        events: &mut Vec<Step>,
+    ) -> Result<()> {
+        let Memory { states, paths, kept_surfaces, .. } = memory;
+        let Work { scene, camera, shading, count, counters, .. } = *work;
+        let (info, keys, cells) = work.light;
+        let grid = Grid { items: lanes_of_hits(count as usize), group: Traversal::SingleRay.group() };
+        // Where nothing is known of what surfaces send, paths are followed for all that was queued.
+        let knows_some = shading.bounces == 0 || shading.emitters > 0;
+        if knows_some {
+            events.push(
+                self.shade_light_hits
+                    .launch(
+                        grid, scene, camera, shading, count, states, rays, queue, info, keys, cells, paths,
+                    )?
+                    .into(),
+            );
+        }
+        if shading.bounces > 0 || shading.cached > 0 {
+            let paths = if knows_some { paths } else { queue };
+            events.push(
+                self.shade_light_paths
+                    .launch(
+                        grid,
+                        scene,
+                        camera,
+                        shading,
+                        first_ray,
+                        count,
+                        states,
+                        rays,
+                        paths,
+                        info,
+                        keys,
+                        cells,
+                        counters,
+                        kept_surfaces,
+                    )?
+                    .into(),
+            );
+        }
+        Ok(())
+    }
 }
 
 /// Rays of a sample that look at the sun's disc: as `rays_to_sun` in `kernels/shared/sample.h`.
@@ -308,7 +354,7 @@ pub(super) fn samples_under_way(info: &DeviceInfo) -> usize {
 
 /// Bytes of memory for so many samples under way.
 fn bytes_of(samples: usize) -> u64 {
-    let words = samples * BATCH * (RAY_WORDS + 1);
+    let words = samples * BATCH * (RAY_WORDS + 2);
     (samples * STATE_BYTES + words * size_of::<u32>() + lanes_of_hits(samples) * SURFACE_BYTES) as u64
 }
 
@@ -331,6 +377,7 @@ impl Memory {
             states: Buffer::new(device, samples * STATE_BYTES / size_of::<u32>())?,
             rays: Buffer::new(device, rays * RAY_WORDS)?,
             queue: Buffer::new(device, 1 + rays)?,
+            paths: Buffer::new(device, 1 + samples * BATCH)?,
             kept_surfaces: Buffer::new(device, lanes_of_hits(samples) * SURFACE_BYTES / size_of::<u32>())?,
         })
     }
