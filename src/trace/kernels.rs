@@ -119,10 +119,25 @@ kernels! {
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
         hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
     );
-    /// Looks at what pixels mirror, on GPUs.
-    ShadeMirrors = shade_mirrors(
+    /// Finds what pixels expect to mirror, on GPUs, and lays rays out to where they do.
+    GenerateMirrorRays = generate_mirror_rays(
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
-        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>, states: &Buffer<u32>,
+        queue: &Buffer<u32>, batch: u32,
+    );
+    /// Traces them.
+    IntersectMirrorRays = intersect_mirror_rays(
+        scene: SceneOf, camera: &Camera, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
+    );
+    /// Looks at what they have met.
+    ShadeMirrorHits = shade_mirror_hits(
+        scene: SceneOf, camera: &Camera, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
+        may_mirror: u32, counters: &Buffer<u32>,
+    );
+    /// Adds up what they bring.
+    ResolveMirrors = resolve_mirrors(
+        scene: SceneOf, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
+        records: &Buffer<VisibilityRecord>,
     );
     /// Describes what pixels see.
     DescribePixels = describe_pixels(
