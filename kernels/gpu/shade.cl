@@ -10,7 +10,7 @@
 //     shade_light_paths    follows paths from there
 //     resolve_light        adds up what the rays bring
 //   shade_punctual       light of punctual lights
-//   shade_glass          light that comes through a sample's glass
+//   then light that comes through a sample's glass: glass.cl
 //   end_samples          the records
 #if SINGLE_RAYS
 
@@ -18,6 +18,10 @@
 typedef struct {
     Sample sample;
     SampleLight light;
+#if HAS_GLASS
+    // The sum of what comes through its glass.
+    float3 through_glass;
+#endif
 } ShadedSample;
 
 // The host sets aside STATE_BYTES for each.
@@ -39,6 +43,10 @@ static __global ShadedSample *state_at(__global uint *states, uint k) { return (
 // What it brings; while a path is followed from its surface, what the surface sends of its own.
 #define PLANE_LIGHT 15u
 #define IS_SMOOTH 8u
+// Of rays that have passed glass: what is left of their light, where they have left the last of it, and by what chance they go on.
+#define PLANE_THROUGHPUT 5u
+#define PLANE_LEFT 8u
+#define PLANE_CHANCE 13u
 #if HARDWARE_RAYS
 // Behind them where samples' rays leave them, for those who trace rays elsewhere (hardware.cl), which leave some open.
 #define PLANE_ORIGIN 18u
@@ -95,6 +103,9 @@ __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     ShadedSample state;
     begin_sample(&scene, &camera, &asked, first + k, at, hit, &state.sample);
     clear_light(&state.light);
+#if HAS_GLASS
+    state.through_glass = 0.0f;
+#endif
     *state_at(states, k) = state;
 }
 
@@ -263,8 +274,8 @@ __kernel void shade_light_hits(SCENE_PARAMETERS, Camera camera, Shading asked, u
     }
 }
 
-// Follows the paths of queued rays, a work-item one after the other. counters[0] sums the rays.
-__kernel void shade_light_paths(SCENE_PARAMETERS, Camera camera, Shading asked, uint first_ray, uint count, __global uint *states,
+// Follows the paths of queued rays, a work-item one after the other; those of glass have passed some. counters[0] sums the rays.
+__kernel void shade_light_paths(SCENE_PARAMETERS, Camera camera, Shading asked, uint of_glass, uint first_ray, uint count, __global uint *states,
                                 __global uint *light_rays, __global const uint *paths, CacheInfo info, __global uint *keys,
                                 __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
 {
@@ -278,10 +289,17 @@ __kernel void shade_light_paths(SCENE_PARAMETERS, Camera camera, Shading asked, 
         __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
         bool is_smooth = (*sought & IS_SMOOTH) != 0u;
         uint chance = hash(sample->index * 32u + at / count + hash(camera.seed + first_ray));
-        float3 found = light_of_path(&scene, &shading, &cache, sample->origin, vector_of(light_rays, count, PLANE_DIRECTION, at),
+        float3 origin = sample->origin;
+#if HAS_GLASS
+        if (of_glass) {
+            chance = *word_of(light_rays, count, PLANE_CHANCE, at);
+            origin = vector_of(light_rays, count, PLANE_LEFT, at);
+        }
+#endif
+        float3 found = light_of_path(&scene, &shading, &cache, origin, vector_of(light_rays, count, PLANE_DIRECTION, at),
                                      *word_of(light_rays, count, PLANE_TRIANGLE, at), as_float(*word_of(light_rays, count, PLANE_T, at)),
                                      is_smooth, chance, surface_kept(kept_surfaces, (uint)get_global_id(0)), &rays);
-        float3 light = shading.emitters ? vector_of(light_rays, count, PLANE_LIGHT, at) : 0.0f;
+        float3 light = shading.emitters || of_glass ? vector_of(light_rays, count, PLANE_LIGHT, at) : 0.0f;
         light += sent_on(&shading, &cache, is_smooth, found);
         set_vector(light_rays, count, PLANE_LIGHT, at, light * as_float(*word_of(light_rays, count, PLANE_INDIRECT, at)));
         *sought = RAY_SHADED;
@@ -315,26 +333,6 @@ __kernel void resolve_light(SCENE_PARAMETERS, Shading asked, uint count, __globa
     state_at(states, k)->light = state.light;
     if (rays)
         atomic_add(&counters[0], rays);
-}
-
-// counters[0] sums the rays.
-__kernel void shade_glass(SCENE_PARAMETERS, Camera camera, Shading asked, uint count, __global uint *states, CacheInfo info,
-                          __global uint *keys, __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
-{
-#if HAS_GLASS
-    Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0);
-    if (k >= count || !state_at(states, k)->sample.lit)
-        return;
-    Shading shading = without_sun_rays(asked);
-    Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
-    ShadedSample state = *state_at(states, k);
-    uint rays = add_glass_light(&scene, &shading, &cache, &state.sample, camera.seed, surface_kept(kept_surfaces, k), &state.light);
-    if (!rays)
-        return;
-    state_at(states, k)->light.sum = state.light.sum;
-    atomic_add(&counters[0], rays);
-#endif
 }
 
 // counters[0] sums the rays.

@@ -189,6 +189,7 @@ INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, 
     return sum + throughput * radiance;
 }
 
+#if !SINGLE_RAYS
 // Light that a ray from `origin` finds at its hit, without that surface's own: the cache's, or a path's.
 INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
                                    float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
@@ -198,3 +199,4 @@ INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, c
         return radiance;
     return light_of_path(scene, shading, cache, origin, d, place, t, is_smooth, seed, kept, rays);
 }
+#endif

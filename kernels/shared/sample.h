@@ -298,18 +298,37 @@ INLINED static void begin_sample(const Scene *scene, const Camera *camera, const
 }
 
 #if HAS_GLASS
-// Light that comes through a sample's glass, along half as many rays as its others.
+// How many rays bring the light that comes through a sample's glass: half as many as its others.
+static uint rays_through_glass(const Shading *shading) { return max(shading->rays / 2u, 1u); }
+
+// Ray i of n of them.
+INLINED static Onward enter_glass(const Sample *sample, uint i, uint n, uint seed)
+{
+    uint2 u = sobol(sample->index * n + i, seed ^ 0x3c6ef372u);
+    return cross_glass(&sample->surface, -sample->view, (float2)(fraction(u.x), fraction(u.y)), 1.0f);
+}
+
+// What it meets by chance.
+static uint chance_in_glass(const Sample *sample, uint i, uint n, uint seed) { return hash(sample->index * n + i ^ hash(seed + 23u)); }
+
+// The sum of what they bring as the sample's specular light.
+static float3 light_of_glass(const Sample *sample, uint n, float3 sum)
+{
+    return sum * (sample->surface.transmission / (float)n) / specular_scale(sample->f0);
+}
+
+#if !SINGLE_RAYS
+// Light that comes through a sample's glass.
 INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, KEPT Surface *kept, SampleLight *brought)
 {
     const Surface *s = &sample->surface;
     if (!(s->transmission > 0.0f))
         return 0u;
-    uint n = max(shading->rays / 2u, 1u), rays = 0;
+    uint n = rays_through_glass(shading), rays = 0;
     float3 sum = 0.0f;
     for (uint i = 0; i < n; ++i) {
-        uint2 u = sobol(sample->index * n + i, seed ^ 0x3c6ef372u);
-        Onward on = cross_glass(s, -sample->view, (float2)(fraction(u.x), fraction(u.y)), 1.0f);
-        uint place, chance = hash(sample->index * n + i ^ hash(seed + 23u));
+        Onward on = enter_glass(sample, i, n, seed);
+        uint place, chance = chance_in_glass(sample, i, n, seed);
         float t;
         bool met = follow_glass(scene, &on, s, &place, &t, &chance, &rays);
         if (!(max3(on.throughput) > 0.0f))
@@ -323,9 +342,10 @@ INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, 
         }
         sum += on.throughput * light;
     }
-    brought->sum.specular += sum * (s->transmission / (float)n) / specular_scale(sample->f0);
+    brought->sum.specular += light_of_glass(sample, n, sum);
     return rays;
 }
+#endif
 #endif
 
 #if HAS_NORMAL_MAPS

@@ -182,8 +182,8 @@ kernels! {
     );
     /// Follows paths from where it is not known.
     ShadeLightPaths = shade_light_paths(
-        scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
-        light_rays: &Buffer<u32>, paths: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
+        scene: SceneOf, camera: &Camera, asked: &Shading, of_glass: u32, first_ray: u32, count: u32,
+        states: &Buffer<u32>, light_rays: &Buffer<u32>, paths: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
         cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
     );
     /// Adds up what they bring.
@@ -191,11 +191,19 @@ kernels! {
         scene: SceneOf, asked: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
         counters: &Buffer<u32>,
     );
-    /// Follows light through the glass of samples.
-    ShadeGlass = shade_glass(
-        scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, info: &CacheInfo,
-        keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
-        kept_surfaces: &Buffer<u32>,
+    /// Lays out rays through the glass of samples.
+    GenerateGlassRays = generate_glass_rays(
+        camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        paths: &Buffer<u32>,
+    );
+    /// Follows them to what is behind it.
+    FollowGlassRays = follow_glass_rays(
+        scene: SceneOf, shading: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        paths: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Adds up what comes through.
+    ResolveGlass = resolve_glass(
+        asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
     );
     /// Adds light of punctual lights.
     ShadePunctual = shade_punctual(
