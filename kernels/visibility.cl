@@ -7,16 +7,45 @@ static VisibilityRecord describe_background(const Scene *scene, const Shading *s
 }
 
 #if HAS_GLOSSY
+// Whether what mirrors show of surfaces is asked for: where samples look for what surfaces send.
+static bool shows_surfaces(const Shading *shading) { return shading->bounces > 0u || shading->cached; }
+
+// A direction that was mirrored; where the normals of vertices mirror into the surface itself, it is as if the surface mirrored
+// that away.
+static float3 mirrored_away(float3 r, float3 g) { return r - g * (2.0f * min(dot3(r, g), 0.0f)); }
+
+// How wide such rays of a pixel are at a distance of 1.
+static float mirrored_width(float roughness, uint rays) { return rays > 1u ? 0.7f * roughness * roughness : 0.01f; }
+
+// What a surface reflects of white light from everywhere, over specular_scale(f0).
+static float3 mirrored_share(float3 n, float3 d, float roughness, float3 f0)
+{
+    float2 white = white_reflection(roughness, max(dot3(n, -d), 1.0e-4f));
+    return (f0 * white.x + white.y) / specular_scale(f0);
+}
+
+// Of the sun's light, what reaches a surface about where nothing hides it.
+static float sun_in_mirror(const Shading *shading, const Surface *s)
+{
+#if HAS_SUN
+    float3 sun = load3(shading->sun_direction);
+    float cosine = dot3(s->normal, sun);
+    if (cosine > 0.0f && dot3(s->horizon, sun) > 0.0f)
+        return 2.0f * shading->sun_one_minus_cos * cosine;
+#endif
+    return 0.0f;
+}
+
+#if !SINGLE_RAYS
 // What reaches a surface about: the sky's light, and the sun's where nothing hides it.
 INLINED static float3 light_in_mirror(const Scene *scene, const Shading *shading, const Surface *s, uint seed, uint *rays)
 {
     float3 light = glossy_radiance(scene, shading, s->normal, 1.0f) * s->occlusion;
 #if HAS_SUN
-    float3 sun = load3(shading->sun_direction);
-    float cosine = dot3(s->normal, sun);
-    if (cosine > 0.0f && dot3(s->horizon, sun) > 0.0f) {
+    float shines = sun_in_mirror(shading, s);
+    if (shines > 0.0f) {
         ++*rays;
-        light += load3(shading->sun_radiance) * (2.0f * shading->sun_one_minus_cos * cosine * light_along(scene, shading, leave_surface(s), sun, INFINITY, seed));
+        light += load3(shading->sun_radiance) * (shines * light_along(scene, shading, leave_surface(s), load3(shading->sun_direction), INFINITY, seed));
     }
 #endif
     return light;
@@ -39,7 +68,7 @@ INLINED static float3 seen_in_mirror(const Scene *scene, const Shading *shading,
         sum += throughput * diffuse_color(&s) * light_in_mirror(scene, shading, &s, seed, rays);
         float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
         if (mirror == 0u && mirror_rays(s.normal, -d, s.roughness, f0) == 1u) {
-            r -= s.horizon * (2.0f * min(dot3(r, s.horizon), 0.0f));
+            r = mirrored_away(r, s.horizon);
             float2 white = white_reflection(s.roughness, max(dot3(s.normal, -d), 1.0e-4f));
             float3 next = leave_surface(&s);
             ++*rays;
@@ -55,6 +84,7 @@ INLINED static float3 seen_in_mirror(const Scene *scene, const Shading *shading,
                          expected_reflection(scene, shading, s.normal, s.horizon, -d, r, s.roughness, f0);
     }
 }
+#endif
 
 // The middle of one of `count` equal shares of GGX's lobe: the same at each pixel, so that there is no noise.
 static float3 lobe_direction(float3 n, float3 g, float3 view, float roughness, uint i, uint count)
@@ -69,21 +99,19 @@ static float3 lobe_direction(float3 n, float3 g, float3 view, float roughness, u
     return l - g * (2.0f * min(dot3(l, g), 0.0f));
 }
 
+#if !SINGLE_RAYS
 // What a pixel expects to mirror, from `origin` on a surface: see glossy.h.
 INLINED static float3 expected_at(const Scene *scene, const Shading *shading, float3 origin, float3 n, float3 g, float3 d, float roughness,
                           float3 f0, float occlusion, uint seed, uint *rays)
 {
-    float3 r = mirrored(n, -d, roughness);
-    // Where the normals of vertices mirror into the surface itself, it is as if the surface mirrored that away.
-    r -= g * (2.0f * min(dot3(r, g), 0.0f));
+    float3 r = mirrored_away(mirrored(n, -d, roughness), g);
     float3 light = expected_reflection(scene, shading, n, g, -d, r, roughness, f0) * occlusion;
     uint count = mirror_rays(n, -d, roughness, f0);
-    bool finds = shading->bounces > 0u || shading->cached;
+    bool finds = shows_surfaces(shading);
     if (count == 0u || (count > 1u && !finds))
         return light;
-    float2 white = white_reflection(roughness, max(dot3(n, -d), 1.0e-4f));
-    float3 by_white = (f0 * white.x + white.y) / specular_scale(f0), sum = 0.0f;
-    float wide = count > 1u ? 0.7f * roughness * roughness : 0.01f;
+    float3 by_white = mirrored_share(n, d, roughness, f0), sum = 0.0f;
+    float wide = mirrored_width(roughness, count);
     *rays += count;
     for (uint i = 0; i < count; ++i) {
         float3 l = count > 1u ? lobe_direction(n, g, -d, roughness, i, count) : r;
@@ -96,6 +124,7 @@ INLINED static float3 expected_at(const Scene *scene, const Shading *shading, fl
     }
     return sum / (float)count;
 }
+#endif
 #endif
 
 #if HAS_LAYERS || HAS_GLASS || HAS_ALPHA

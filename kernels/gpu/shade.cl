@@ -6,10 +6,11 @@
 //   then for each 32 of a sample's light rays
 //     generate_light_rays
 //     intersect_light_rays, which queues those whose light a surface sends
-//     shade_light_hits     looks at these surfaces
+//     shade_light_hits     what these are known to send; where it is not known, queues the rays again
+//     shade_light_paths    follows paths from there
 //     resolve_light        adds up what the rays bring
 //   shade_punctual       light of punctual lights
-//   shade_glass          light that comes through a sample's glass
+//   then light that comes through a sample's glass: glass.cl
 //   end_samples          the records
 #if SINGLE_RAYS
 
@@ -17,6 +18,10 @@
 typedef struct {
     Sample sample;
     SampleLight light;
+#if HAS_GLASS
+    // The sum of what comes through its glass.
+    float3 through_glass;
+#endif
 } ShadedSample;
 
 // The host sets aside STATE_BYTES for each.
@@ -31,15 +36,20 @@ static __global ShadedSample *state_at(__global uint *states, uint k) { return (
 #define PLANE_DIFFUSE 5u
 #define PLANE_SPECULAR 8u
 #define PLANE_PLAIN 11u
-// Until its surface has been looked at: by how much more its light counts, its emitter, and its hit; then its light.
+// By how much more its light counts where a surface sends it, its emitter, and its hit.
 #define PLANE_INDIRECT 12u
 #define PLANE_TARGET 13u
 #define PLANE_TRIANGLE 14u
-#define PLANE_LIGHT 12u
+// What it brings; while a path is followed from its surface, what the surface sends of its own.
+#define PLANE_LIGHT 15u
 #define IS_SMOOTH 8u
+// Of rays that have passed glass: what is left of their light, where they have left the last of it, and by what chance they go on.
+#define PLANE_THROUGHPUT 5u
+#define PLANE_LEFT 8u
+#define PLANE_CHANCE 13u
 #if HARDWARE_RAYS
 // Behind them where samples' rays leave them, for those who trace rays elsewhere (hardware.cl), which leave some open.
-#define PLANE_ORIGIN 15u
+#define PLANE_ORIGIN 18u
 #define IS_OPEN 16u
 #endif
 
@@ -93,6 +103,9 @@ __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     ShadedSample state;
     begin_sample(&scene, &camera, &asked, first + k, at, hit, &state.sample);
     clear_light(&state.light);
+#if HAS_GLASS
+    state.through_glass = 0.0f;
+#endif
     *state_at(states, k) = state;
 }
 
@@ -132,15 +145,15 @@ __kernel void trace_sun_rays(SCENE_PARAMETERS, Camera camera, Shading asked, __g
 #endif
 }
 
-// Rays first_ray .. first_ray + 32 of each sample, where there are so many; queue[0] is how many wait there.
+// Rays first_ray .. first_ray + 32 of each sample, where there are so many; queue[0] and paths[0] are how many wait there.
 __kernel void generate_light_rays(SCENE_PARAMETERS, Camera camera, Shading asked, uint first_ray, uint count, __global uint *states,
-                                  __global uint *light_rays, __global uint *queue)
+                                  __global uint *light_rays, __global uint *queue, __global uint *paths)
 {
     Scene scene = SCENE_ARGUMENTS;
     Shading shading = without_sun_rays(asked);
     uint at = (uint)get_global_id(0);
     if (at == 0u)
-        queue[0] = 0u;
+        queue[0] = paths[0] = 0u;
     if (at >= 32u * count)
         return;
     uint k = at % count, number = first_ray + at / count;
@@ -223,34 +236,73 @@ __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *
     }
 }
 
-// Looks at the surfaces whose light is queued, a work-item one ray after the other. counters[0] sums further rays.
-__kernel void shade_light_hits(SCENE_PARAMETERS, Camera camera, Shading asked, uint first_ray, uint count, __global uint *states,
+// What queued rays bring, a work-item one ray after the other, as far as that is known: light of emitters' own, and what the
+// cache knows. `paths` queues those that paths are followed for.
+__kernel void shade_light_hits(SCENE_PARAMETERS, Camera camera, Shading asked, uint count, __global uint *states,
                                __global uint *light_rays, __global const uint *queue, CacheInfo info, __global uint *keys,
-                               __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
+                               __global CacheCell *cells, __global uint *paths)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
+    for (uint item = (uint)get_global_id(0); item < queue[0]; item += (uint)get_global_size(0)) {
+        uint at = queue[1u + item], triangle = *word_of(light_rays, count, PLANE_TRIANGLE, at);
+        __global const Sample *sample = &state_at(states, at % count)->sample;
+        __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
+        float3 d = vector_of(light_rays, count, PLANE_DIRECTION, at), light = 0.0f, found = 0.0f;
+        float t = as_float(*word_of(light_rays, count, PLANE_T, at)), more = 1.0f;
+        bool is_smooth = (*sought & IS_SMOOTH) != 0u, known = true;
+#if HAS_EMITTERS
+        if (triangle == NONE) {
+            light = emitted_by(&scene, *word_of(light_rays, count, PLANE_TARGET, at), sample->origin, d, t, sample->chance);
+        } else
+#endif
+        {
+#if HAS_EMITTERS
+            Sample seen = *sample;
+            light = own_light_of(&scene, &asked, &seen, d, triangle, t);
+#endif
+            more = as_float(*word_of(light_rays, count, PLANE_INDIRECT, at));
+            known = !sends_light_on(&asked) || light_known(&scene, &asked, &cache, sample->origin, d, triangle, t, is_smooth, &found);
+            if (known && sends_light_on(&asked))
+                light += sent_on(&asked, &cache, is_smooth, found);
+        }
+        set_vector(light_rays, count, PLANE_LIGHT, at, known ? light * more : light);
+        if (known)
+            *sought = RAY_SHADED;
+        else
+            paths[1u + atomic_inc(&paths[0])] = at;
+    }
+}
+
+// Follows the paths of queued rays, a work-item one after the other; those of glass have passed some. counters[0] sums the rays.
+__kernel void shade_light_paths(SCENE_PARAMETERS, Camera camera, Shading asked, uint of_glass, uint first_ray, uint count, __global uint *states,
+                                __global uint *light_rays, __global const uint *paths, CacheInfo info, __global uint *keys,
+                                __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint rays = 0u;
     Shading shading = without_sun_rays(asked);
     Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
-    for (uint item = (uint)get_global_id(0); item < queue[0]; item += (uint)get_global_size(0)) {
-        uint at = queue[1u + item], k = at % count, triangle = *word_of(light_rays, count, PLANE_TRIANGLE, at);
-        Sample sample = state_at(states, k)->sample;
-        float3 d = vector_of(light_rays, count, PLANE_DIRECTION, at), light;
-        float t = as_float(*word_of(light_rays, count, PLANE_T, at));
-#if HAS_EMITTERS
-        if (triangle == NONE) {
-            light = emitted_by(&scene, *word_of(light_rays, count, PLANE_TARGET, at), sample.origin, d, t, sample.chance);
-        } else
-#endif
-        {
-            __global const uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
-            float indirect = as_float(*word_of(light_rays, count, PLANE_INDIRECT, at));
-            uint chance = hash(sample.index * 32u + at / count + hash(camera.seed + first_ray));
-            light = light_of_surface(&scene, &shading, &cache, &sample, d, triangle, t, indirect, (*sought & IS_SMOOTH) != 0u, chance,
-                                     surface_kept(kept_surfaces, (uint)get_global_id(0)), &rays);
+    for (uint item = (uint)get_global_id(0); item < paths[0]; item += (uint)get_global_size(0)) {
+        uint at = paths[1u + item];
+        __global const Sample *sample = &state_at(states, at % count)->sample;
+        __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
+        bool is_smooth = (*sought & IS_SMOOTH) != 0u;
+        uint chance = hash(sample->index * 32u + at / count + hash(camera.seed + first_ray));
+        float3 origin = sample->origin;
+#if HAS_GLASS
+        if (of_glass) {
+            chance = *word_of(light_rays, count, PLANE_CHANCE, at);
+            origin = vector_of(light_rays, count, PLANE_LEFT, at);
         }
-        set_vector(light_rays, count, PLANE_LIGHT, at, light);
-        *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_SHADED;
+#endif
+        float3 found = light_of_path(&scene, &shading, &cache, origin, vector_of(light_rays, count, PLANE_DIRECTION, at),
+                                     *word_of(light_rays, count, PLANE_TRIANGLE, at), as_float(*word_of(light_rays, count, PLANE_T, at)),
+                                     is_smooth, chance, surface_kept(kept_surfaces, (uint)get_global_id(0)), &rays);
+        float3 light = shading.emitters || of_glass ? vector_of(light_rays, count, PLANE_LIGHT, at) : 0.0f;
+        light += sent_on(&shading, &cache, is_smooth, found);
+        set_vector(light_rays, count, PLANE_LIGHT, at, light * as_float(*word_of(light_rays, count, PLANE_INDIRECT, at)));
+        *sought = RAY_SHADED;
     }
     if (rays)
         atomic_add(&counters[0], rays);
@@ -281,26 +333,6 @@ __kernel void resolve_light(SCENE_PARAMETERS, Shading asked, uint count, __globa
     state_at(states, k)->light = state.light;
     if (rays)
         atomic_add(&counters[0], rays);
-}
-
-// counters[0] sums the rays.
-__kernel void shade_glass(SCENE_PARAMETERS, Camera camera, Shading asked, uint count, __global uint *states, CacheInfo info,
-                          __global uint *keys, __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
-{
-#if HAS_GLASS
-    Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0);
-    if (k >= count || !state_at(states, k)->sample.lit)
-        return;
-    Shading shading = without_sun_rays(asked);
-    Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
-    ShadedSample state = *state_at(states, k);
-    uint rays = add_glass_light(&scene, &shading, &cache, &state.sample, camera.seed, surface_kept(kept_surfaces, k), &state.light);
-    if (!rays)
-        return;
-    state_at(states, k)->light.sum = state.light.sum;
-    atomic_add(&counters[0], rays);
-#endif
 }
 
 // counters[0] sums the rays.

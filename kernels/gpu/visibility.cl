@@ -5,9 +5,9 @@
 // what a work-item keeps there is one surface instead of a block's 64. `both_variants_describe_the_same` holds one against the
 // other.
 //
-// Three kernels do it, each of which keeps less than one would: trace_sun leaves in the record's `reflected` how much of the
+// Several kernels do it, each of which keeps less than one would: trace_sun leaves in the record's `reflected` how much of the
 // sun's light comes, describe_pixels turns that into what the record has of it and marks surfaces that reflect, and
-// shade_mirrors looks at what these show.
+// those of mirrors.cl look at what these show.
 #if SINGLE_RAYS
 
 static uint code_of(float v, float most) { return (uint)(clamp(v, 0.0f, 1.0f) * most + 0.5f); }
@@ -102,28 +102,5 @@ __kernel void describe_pixels(SCENE_PARAMETERS, Camera camera, Shading shading, 
         records[pixel] = describe_surface(&scene, &camera, &shading, x, y, hit, sunlit);
     else
         records[pixel] = describe_background(&scene, &shading, camera_ray(&camera, x, y));
-}
-
-// What pixels of the tiles first .. first + count mirror, where they do. counters[0] sums the rays.
-__kernel void shade_mirrors(SCENE_PARAMETERS, Camera camera, Shading shading, __global const uint *tiles, uint first, uint count,
-                            __global const HitRecord *hits, __global VisibilityRecord *records, __global uint *counters)
-{
-#if HAS_GLOSSY
-    Scene scene = SCENE_ARGUMENTS;
-    uint x, y, right, bottom, rays = 0u;
-    if (!pixels_of_item(&camera, tiles, first, count, (uint)get_global_id(0), &x, &y, &right, &bottom))
-        return;
-    uint pixel = y * camera.width + x;
-    if (records[pixel].reflected == 0u)
-        return;
-    float3 d = camera_ray(&camera, x, y);
-    Surface s = surface_of_pixel(&scene, &camera, x, y, hits[pixel]);
-    float3 f0 = mix((float3)(0.04f), recorded_base(s.base), s.metallic);
-    float3 light = expected_at(&scene, &shading, leave_surface(&s), s.normal, s.horizon, d, s.roughness, f0, s.occlusion, camera.seed,
-                               &rays);
-    records[pixel].reflected = max(pack_emission(light), 1u);
-    if (rays)
-        atomic_add(&counters[0], rays);
-#endif
 }
 #endif

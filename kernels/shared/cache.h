@@ -138,19 +138,28 @@ static float3 side_of(const Scene *scene, uint place, float3 d)
     return dot3(n, d) > 0.0f ? -n : n;
 }
 
-// Light that a ray from `origin` finds at its hit, without that surface's own, by one path over the bounces that are asked for.
-// With the cache it is the cache's; where the hit is nearer than a quarter of a cell, which would take a corner's light from
-// its surroundings, where walls part cells, and where the ray is a smooth surface's, which shows what it meets, the surface
-// there is looked at, and the cache a step later.
-INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
-                           float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
+// Whether hits are looked up: not where paths are followed.
+static bool looks_up(const Shading *shading) { return shading->bounces == 0u && shading->cached; }
+
+// Light that the cache knows of at the hit of a ray from `origin`. False where the surface there is looked at instead, and the
+// cache a step later: where the hit is nearer than a quarter of a cell, which would take a corner's light from its surroundings,
+// where walls part cells, and where the ray is a smooth surface's, which shows what it meets.
+INLINED static bool light_known(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
+                                float t, bool is_smooth, float3 *radiance)
 {
-    bool cached = shading->bounces == 0u && shading->cached;
-    float3 p = origin + d * t, radiance;
-    if (cached && !is_smooth && t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) &&
-        cached_radiance(cache, p, side_of(scene, place, d), t, &radiance) >= 0.0f)
-        return radiance;
-    float3 sum = 0.0f, throughput = 1.0f;
+    if (!looks_up(shading) || is_smooth)
+        return false;
+    float3 p = origin + d * t;
+    return t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) && cached_radiance(cache, p, side_of(scene, place, d), t, radiance) >= 0.0f;
+}
+
+// Light that a ray from `origin` finds at its hit, without that surface's own, by one path over the bounces that are asked for;
+// with the cache by a single step.
+INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
+                                    float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
+{
+    bool cached = looks_up(shading);
+    float3 sum = 0.0f, throughput = 1.0f, radiance;
     Step step;
     step.origin = origin;
     step.direction = d;
@@ -179,3 +188,15 @@ INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, c
     cached_radiance(cache, step.origin + step.direction * step.t, side_of(scene, step.place, step.direction), step.t, &radiance);
     return sum + throughput * radiance;
 }
+
+#if !SINGLE_RAYS
+// Light that a ray from `origin` finds at its hit, without that surface's own: the cache's, or a path's.
+INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
+                                   float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
+{
+    float3 radiance;
+    if (light_known(scene, shading, cache, origin, d, place, t, is_smooth, &radiance))
+        return radiance;
+    return light_of_path(scene, shading, cache, origin, d, place, t, is_smooth, seed, kept, rays);
+}
+#endif

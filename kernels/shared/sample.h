@@ -163,20 +163,36 @@ INLINED static bool aim_light_ray(const Scene *scene, const Shading *shading, co
     return true;
 }
 
-// The light of a ray, which the surface has sent that it has met at t. It is found by reflected rays alone, so it counts by
-// their density; emitters' light by that of rays aimed at them, too.
-INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
-                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, KEPT Surface *kept, uint *rays)
+// What of light by a surface that a light ray has met comes from the surface itself. It is found by reflected rays alone, so it
+// counts by their density; emitters' light by that of rays aimed at them, too.
+INLINED static float3 own_light_of(const Scene *scene, const Shading *shading, const Sample *sample, float3 d, uint place, float t)
 {
     const Mixture *m = &sample->mixture;
     float reflected = reflected_density(&sample->surface, m, sample->view, d) * looking_share(shading);
-    float3 light = emission_met(scene, shading, &sample->surface, sample->origin, d, place, t, reflected, m->emitters);
-    if (shading->bounces > 0u || shading->cached) {
-        float3 found = light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, kept, rays);
-        light += is_smooth || shading->bounces > 0u ? found : without_spot(cache, found);
-    }
+    return emission_met(scene, shading, &sample->surface, sample->origin, d, place, t, reflected, m->emitters);
+}
+
+// Whether surfaces send on what they are lit by.
+static bool sends_light_on(const Shading *shading) { return shading->bounces > 0u || shading->cached; }
+
+// That light as it counts.
+static float3 sent_on(const Shading *shading, const Cache *cache, bool is_smooth, float3 found)
+{
+    return is_smooth || shading->bounces > 0u ? found : without_spot(cache, found);
+}
+
+#if !SINGLE_RAYS
+// The light of a ray, which the surface has sent that it has met at t.
+INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
+                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, KEPT Surface *kept, uint *rays)
+{
+    float3 light = own_light_of(scene, shading, sample, d, place, t);
+    if (sends_light_on(shading))
+        light += sent_on(shading, cache, is_smooth,
+                         light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, kept, rays));
     return light * indirect;
 }
+#endif
 
 static void clear_light(SampleLight *light)
 {
@@ -282,18 +298,37 @@ INLINED static void begin_sample(const Scene *scene, const Camera *camera, const
 }
 
 #if HAS_GLASS
-// Light that comes through a sample's glass, along half as many rays as its others.
+// How many rays bring the light that comes through a sample's glass: half as many as its others.
+static uint rays_through_glass(const Shading *shading) { return max(shading->rays / 2u, 1u); }
+
+// Ray i of n of them.
+INLINED static Onward enter_glass(const Sample *sample, uint i, uint n, uint seed)
+{
+    uint2 u = sobol(sample->index * n + i, seed ^ 0x3c6ef372u);
+    return cross_glass(&sample->surface, -sample->view, (float2)(fraction(u.x), fraction(u.y)), 1.0f);
+}
+
+// What it meets by chance.
+static uint chance_in_glass(const Sample *sample, uint i, uint n, uint seed) { return hash(sample->index * n + i ^ hash(seed + 23u)); }
+
+// The sum of what they bring as the sample's specular light.
+static float3 light_of_glass(const Sample *sample, uint n, float3 sum)
+{
+    return sum * (sample->surface.transmission / (float)n) / specular_scale(sample->f0);
+}
+
+#if !SINGLE_RAYS
+// Light that comes through a sample's glass.
 INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, KEPT Surface *kept, SampleLight *brought)
 {
     const Surface *s = &sample->surface;
     if (!(s->transmission > 0.0f))
         return 0u;
-    uint n = max(shading->rays / 2u, 1u), rays = 0;
+    uint n = rays_through_glass(shading), rays = 0;
     float3 sum = 0.0f;
     for (uint i = 0; i < n; ++i) {
-        uint2 u = sobol(sample->index * n + i, seed ^ 0x3c6ef372u);
-        Onward on = cross_glass(s, -sample->view, (float2)(fraction(u.x), fraction(u.y)), 1.0f);
-        uint place, chance = hash(sample->index * n + i ^ hash(seed + 23u));
+        Onward on = enter_glass(sample, i, n, seed);
+        uint place, chance = chance_in_glass(sample, i, n, seed);
         float t;
         bool met = follow_glass(scene, &on, s, &place, &t, &chance, &rays);
         if (!(max3(on.throughput) > 0.0f))
@@ -307,9 +342,10 @@ INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, 
         }
         sum += on.throughput * light;
     }
-    brought->sum.specular += sum * (s->transmission / (float)n) / specular_scale(sample->f0);
+    brought->sum.specular += light_of_glass(sample, n, sum);
     return rays;
 }
+#endif
 #endif
 
 #if HAS_NORMAL_MAPS

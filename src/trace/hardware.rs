@@ -42,7 +42,7 @@ use structure::{Structure, Top};
 /// Rays of a group, which lie together: `kernels/gpu/shade.cl` has as many of a sample.
 pub(super) const GROUP: usize = 32;
 /// Words of memory of a ray under way: planes in `kernels/gpu/shade.cl`.
-pub(super) const RAY_WORDS: usize = 15;
+pub(super) const RAY_WORDS: usize = 18;
 /// The plane behind them: where the rays of a sample start.
 pub(super) const PLANE_ORIGIN: u32 = RAY_WORDS as u32;
 /// The first plane of where rays start that are no sample's: `PLANE_OWN_ORIGIN` of `kernels/gpu/hardware.cl`.

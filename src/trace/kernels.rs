@@ -119,10 +119,25 @@ kernels! {
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
         hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
     );
-    /// Looks at what pixels mirror, on GPUs.
-    ShadeMirrors = shade_mirrors(
+    /// Finds what pixels expect to mirror, on GPUs, and lays rays out to where they do.
+    GenerateMirrorRays = generate_mirror_rays(
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32,
-        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
+        hits: &Buffer<HitRecord>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>, states: &Buffer<u32>,
+        queue: &Buffer<u32>, batch: u32,
+    );
+    /// Traces them.
+    IntersectMirrorRays = intersect_mirror_rays(
+        scene: SceneOf, camera: &Camera, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
+    );
+    /// Looks at what they have met.
+    ShadeMirrorHits = shade_mirror_hits(
+        scene: SceneOf, camera: &Camera, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
+        may_mirror: u32, counters: &Buffer<u32>,
+    );
+    /// Adds up what they bring.
+    ResolveMirrors = resolve_mirrors(
+        scene: SceneOf, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
+        records: &Buffer<VisibilityRecord>,
     );
     /// Describes what pixels see.
     DescribePixels = describe_pixels(
@@ -153,16 +168,22 @@ kernels! {
     /// Chooses the light rays of samples.
     GenerateLightRays = generate_light_rays(
         scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
-        light_rays: &Buffer<u32>, queue: &Buffer<u32>,
+        light_rays: &Buffer<u32>, queue: &Buffer<u32>, paths: &Buffer<u32>,
     );
     /// Traces them.
     IntersectLightRays = intersect_light_rays(
         scene: SceneOf, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>, queue: &Buffer<u32>,
     );
-    /// Looks at the surfaces that they have met.
+    /// Takes what is known of the light that they have met.
     ShadeLightHits = shade_light_hits(
-        scene: SceneOf, camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>,
-        light_rays: &Buffer<u32>, queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
+        scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>,
+        paths: &Buffer<u32>,
+    );
+    /// Follows paths from where it is not known.
+    ShadeLightPaths = shade_light_paths(
+        scene: SceneOf, camera: &Camera, asked: &Shading, of_glass: u32, first_ray: u32, count: u32,
+        states: &Buffer<u32>, light_rays: &Buffer<u32>, paths: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
         cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
     );
     /// Adds up what they bring.
@@ -170,11 +191,19 @@ kernels! {
         scene: SceneOf, asked: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
         counters: &Buffer<u32>,
     );
-    /// Follows light through the glass of samples.
-    ShadeGlass = shade_glass(
-        scene: SceneOf, camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, info: &CacheInfo,
-        keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
-        kept_surfaces: &Buffer<u32>,
+    /// Lays out rays through the glass of samples.
+    GenerateGlassRays = generate_glass_rays(
+        camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        paths: &Buffer<u32>,
+    );
+    /// Follows them to what is behind it.
+    FollowGlassRays = follow_glass_rays(
+        scene: SceneOf, shading: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
+        paths: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Adds up what comes through.
+    ResolveGlass = resolve_glass(
+        asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
     );
     /// Adds light of punctual lights.
     ShadePunctual = shade_punctual(

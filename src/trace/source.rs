@@ -36,7 +36,7 @@ pub(super) const SURFACE_BYTES: usize = 512;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 41] = [
+const FILES: [&str; 43] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -67,6 +67,7 @@ const FILES: [&str; 41] = [
     include_str!("../../kernels/blend.cl"),
     include_str!("../../kernels/visibility.cl"),
     include_str!("../../kernels/gpu/visibility.cl"),
+    include_str!("../../kernels/gpu/mirrors.cl"),
     include_str!("../../kernels/shared/edge.h"),
     include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/gpu/edges.cl"),
@@ -74,6 +75,7 @@ const FILES: [&str; 41] = [
     include_str!("../../kernels/shared/sample.h"),
     include_str!("../../kernels/cpu/shade.cl"),
     include_str!("../../kernels/gpu/shade.cl"),
+    include_str!("../../kernels/gpu/glass.cl"),
     include_str!("../../kernels/gpu/hardware.cl"),
     include_str!("../../kernels/gather.cl"),
     include_str!("../../kernels/deform.cl"),

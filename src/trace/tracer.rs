@@ -5,6 +5,7 @@ mod enqueue;
 mod hardware;
 mod in_flight;
 mod launch;
+mod mirrors;
 mod pattern;
 mod programs;
 mod shading;
@@ -22,16 +23,18 @@ use crate::math::view::View;
 use crate::scene::{Environment, Features, Scene};
 
 use super::kernels::{
-    DescribePixels, Grid, PackVisibility, SettleBlends, ShadeMirrors, ShareBlends, ShareEdges, TracePixels,
-    TraceSamples, TraceSun,
+    DescribePixels, Grid, PackVisibility, SettleBlends, ShareBlends, ShareEdges, TracePixels, TraceSamples,
+    TraceSun,
 };
 use super::light_cache::LightCache;
 use super::scene_buffers::DeformKernels;
 use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
 use hardware::Hardware;
+pub(super) use hardware::Tiles;
 pub use in_flight::InFlight;
 pub(in crate::trace) use in_flight::Step;
+pub(super) use mirrors::{Mirrors, Pixels};
 pub(super) use pattern::BLOCKS_PER_TILE;
 use pattern::ROWS_PER_TILE;
 pub use pattern::TracePattern;
@@ -90,7 +93,7 @@ pub struct Tracer {
     describe_pixels: DescribePixels,
     /// Beside it on GPUs, where the scene requires them.
     trace_sun: Option<TraceSun>,
-    shade_mirrors: Option<ShadeMirrors>,
+    mirrors: Option<Mirrors>,
     share_edges: ShareEdges,
     settle_blends: SettleBlends,
     share_blends: ShareBlends,
@@ -194,9 +197,7 @@ impl Tracer {
             trace_samples: TraceSamples::of(program)?,
             describe_pixels: DescribePixels::of(program)?,
             trace_sun: on_gpus(programs.features.sun).then(|| TraceSun::of(program)).transpose()?,
-            shade_mirrors: on_gpus(programs.features.glossy)
-                .then(|| ShadeMirrors::of(program))
-                .transpose()?,
+            mirrors: on_gpus(programs.features.glossy).then(|| Mirrors::of(program, device)).transpose()?,
             share_edges: ShareEdges::of(program)?,
             settle_blends: SettleBlends::of(program)?,
             share_blends: ShareBlends::of(program)?,

@@ -11,11 +11,9 @@ use crate::metrics::stats::median;
 use crate::scene::Features;
 
 use super::Traversal;
-use super::kernels::{
-    DescribePixels, Grid, SceneOf, ShadeMirrors, ShareEdges, TracePixels, TraceSamples, TraceSun,
-};
+use super::kernels::{DescribePixels, Grid, SceneOf, ShareEdges, TracePixels, TraceSamples, TraceSun};
 use super::source;
-use super::tracer::{SampleShading, Work};
+use super::tracer::{Mirrors, Pixels, SampleShading, Tiles, Work};
 
 /// Times in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -74,7 +72,7 @@ struct Idle {
     trace_pixels: TracePixels,
     trace_samples: TraceSamples,
     describe_pixels: DescribePixels,
-    for_gpus: Option<(TraceSun, ShadeMirrors)>,
+    for_gpus: Option<(TraceSun, Mirrors)>,
     share_edges: ShareEdges,
     sample_shading: SampleShading,
     words: Buffer<u32>,
@@ -95,7 +93,7 @@ impl Idle {
             describe_pixels: DescribePixels::of(program)?,
             for_gpus: match traversal {
                 Traversal::Packet => None,
-                Traversal::SingleRay => Some((TraceSun::of(program)?, ShadeMirrors::of(program)?)),
+                Traversal::SingleRay => Some((TraceSun::of(program)?, Mirrors::of(program, device)?)),
             },
             share_edges: ShareEdges::of(program)?,
             sample_shading: SampleShading::of(program, traversal)?,
@@ -116,9 +114,12 @@ impl Idle {
         self.trace_pixels.launch(grid, scene, camera, words, 0, 0, hits, 0)?;
         self.trace_samples.launch(grid, scene, camera, words, 0, 0, hits)?;
         self.describe_pixels.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
-        if let Some((trace_sun, shade_mirrors)) = &self.for_gpus {
+        if let Some((trace_sun, mirrors)) = &self.for_gpus {
             trace_sun.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
-            shade_mirrors.launch(grid, scene, camera, shading, words, 0, 0, hits, visibility, counters)?;
+            let tiles = Tiles { list: words, first: 0, count: 0 };
+            // All that a frame may launch.
+            let shading = &Shading { cached: 1, ..*shading };
+            mirrors.enqueue(Pixels { scene, camera, shading, tiles, hits, records: visibility, counters })?;
         }
         self.share_edges.launch(grid, scene, camera, 1, words, 0, 0, hits, visibility, counters)?;
         let light = (info, None, None);

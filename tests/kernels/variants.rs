@@ -1,7 +1,8 @@
 //! Samples' light by both variants of the kernels: one kernel for packets, and those that hand light rays on in memory, as
 //! GPUs have it.
 
-use foveate::layout::{SampleRecord, unpack_normal24};
+use foveate::layout::{SampleRecord, unpack_emission, unpack_normal24};
+use foveate::math::view::View;
 use foveate::scene::{Glass, Layers, Material, Scene};
 use foveate::trace::{Settings, Traversal};
 use glam::{DVec3, Vec3};
@@ -9,7 +10,7 @@ use glam::{DVec3, Vec3};
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device};
 use crate::cases::lights;
 use crate::guided::{eye, light, still_life};
-use crate::scenes::{cuboid, matt, quad};
+use crate::scenes::{cuboid, floor, matt, metal, quad, scene_of};
 
 /// The still life with all that light rays look for: a lamp that is a surface, punctual ones, glass, a coat, and a wall that is
 /// passed from behind.
@@ -68,18 +69,21 @@ pub fn alike(a: &SampleRecord, b: &SampleRecord) -> bool {
 #[test]
 fn both_variants_shade_the_same() {
     on_every_device(|device| {
-        let (scene, light, view) = (everything(), light(), eye());
+        let (all, light, view) = (everything(), light(), eye());
+        let mut dark = all.clone();
+        dark.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
         let pattern = all_pixels(&view);
         let guided = Settings { guided: true, ..PLAIN };
         let cases = [
-            ("rays alone", Settings { rays: 32, ..PLAIN }),
-            ("paths, more rays than go together", Settings { rays: 80, bounces: 2, ..PLAIN }),
-            ("guided paths, few rays", Settings { rays: 8, bounces: 1, ..guided }),
-            ("guided, a cache of light", Settings { rays: 32, cached: true, ..guided }),
+            ("rays alone", &all, Settings { rays: 32, ..PLAIN }),
+            ("paths, more rays than go together", &all, Settings { rays: 80, bounces: 2, ..PLAIN }),
+            ("guided paths, few rays", &all, Settings { rays: 8, bounces: 1, ..guided }),
+            ("paths where nothing emits", &dark, Settings { rays: 32, bounces: 2, ..PLAIN }),
+            ("guided, a cache of light", &all, Settings { rays: 32, cached: true, ..guided }),
         ];
-        for (name, settings) in cases {
+        for (name, scene, settings) in cases {
             let [(packet, rays), (single, own)] = [Traversal::Packet, Traversal::SingleRay].map(|variant| {
-                let mut bench = Bench::walking(device, &scene, &light, &EVERYTHING, variant);
+                let mut bench = Bench::walking(device, scene, &light, &EVERYTHING, variant);
                 if settings.cached {
                     bench.light(&view, &settings, &pattern, 0..6);
                 }
@@ -94,6 +98,49 @@ fn both_variants_shade_the_same() {
             let off = packet.iter().zip(&single).filter(|(a, b)| !alike(a, b)).count();
             println!("{name}: {off} of {lit} samples differ, {rays} and {own} rays");
             assert!(lit > 2000 && off * 100 <= lit, "{name}: {off} of {lit} samples differ");
+            assert!(rays.abs_diff(own) * 500 <= rays, "{name}: {rays} and {own} rays");
+        }
+    });
+}
+
+/// A mirror before a mirror, a thing that stands on the one, and metal that is not quite smooth.
+fn mirrors() -> Scene {
+    let [smooth, rough] = [0.02, 0.22].map(|roughness| metal(Vec3::new(0.9, 0.8, 0.6), roughness));
+    let mut scene = scene_of(vec![smooth, rough, matt(0.5)]);
+    floor(&mut scene, 6.0, 0.0, 0);
+    cuboid(&mut scene, Vec3::new(-1.4, 0.0, -1.0), Vec3::new(-0.2, 1.3, -0.4), 0);
+    cuboid(&mut scene, Vec3::new(0.1, 0.0, -0.5), Vec3::new(1.1, 0.9, 0.5), 1);
+    cuboid(&mut scene, Vec3::new(-0.9, 0.0, 0.3), Vec3::new(-0.4, 0.5, 0.8), 2);
+    scene
+}
+
+/// What pixels mirror: of the sky alone, of what stands there, and in more tiles than have their rays under way together.
+#[test]
+fn both_variants_mirror_the_same() {
+    on_every_device(|device| {
+        let (scene, light) = (mirrors(), light());
+        let wide = View { width: 336, height: 256, ..eye() };
+        let few = Settings { guided: true, rays: 1, ..PLAIN };
+        let cases = [
+            ("the sky", eye(), few),
+            ("what stands there", eye(), Settings { bounces: 1, ..few }),
+            ("many tiles", wide, Settings { bounces: 1, ..few }),
+        ];
+        for (name, view, settings) in cases {
+            let [(packet, rays), (single, own)] = [Traversal::Packet, Traversal::SingleRay].map(|variant| {
+                let mut bench = Bench::walking(device, &scene, &light, &EVERYTHING, variant);
+                let picture = bench.trace(&view, &settings, &all_pixels(&view));
+                (picture.visibility, picture.rays)
+            });
+            let mirrored = |packed: u32| DVec3::from(unpack_emission(packed).map(f64::from));
+            let (mut off, mut shown) = (0, 0);
+            for (a, b) in packet.iter().zip(&single).filter(|(a, _)| a.reflected > 0) {
+                let (a, b) = (mirrored(a.reflected), mirrored(b.reflected));
+                off += usize::from((a - b).abs().max_element() > 0.02 * a.max_element() + 1e-3);
+                shown += 1;
+            }
+            println!("{name}: {off} of {shown} pixels mirror something else, {rays} and {own} rays");
+            assert!(shown * 3 > view.pixels() && off * 100 <= shown, "{name}: {off} of {shown}");
             assert!(rays.abs_diff(own) * 500 <= rays, "{name}: {rays} and {own} rays");
         }
     });

@@ -3,6 +3,7 @@
 use super::pattern::Ring;
 use super::{Hardware, InFlight, Settings, TracePattern, Tracer, camera, untraced};
 use crate::error::Result;
+use crate::foveation::pattern::TILE;
 use crate::foveation::workload::Part;
 use crate::gpu::opencl::{Buffer, Transfer};
 use crate::layout::{SampleRecord, VisibilityRecord};
@@ -63,6 +64,12 @@ impl Tracer {
         }
         if self.may_blend && self.blends.len() < needed {
             self.blends = Buffer::zeroed(&self.device, needed)?;
+        }
+        if let Some(mirrors) = &mut self.mirrors
+            && settings.guided
+        {
+            let [across, down] = [view.width, view.height].map(|pixels| pixels.div_ceil(TILE) as usize);
+            mirrors.reserve(&self.device, across * down)?;
         }
         samples.acquire()?;
         visibility.map_or(Ok(()), Buffer::acquire)?;

@@ -221,7 +221,7 @@ impl Hardware {
 }
 
 /// Batches of `count` things, at most `most` in each: the first, how many, and how many groups of rays those have.
-fn batches(count: u32, most: usize, groups: impl Fn(u32) -> u32) -> Vec<(u32, u32, u32)> {
+pub(super) fn batches(count: u32, most: usize, groups: impl Fn(u32) -> u32) -> Vec<(u32, u32, u32)> {
     let most = most.max(1) as u32;
     let batch = |first: u32| (first, most.min(count - first));
     let starts = (0..count).step_by(most as usize);

@@ -3,7 +3,7 @@
 use super::hardware::Tiles;
 use super::pattern::BLOCKS_PER_TILE;
 use super::shading::Work;
-use super::{Hardware, Step, TracePattern, Tracer};
+use super::{Hardware, Pixels, Step, TracePattern, Tracer};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::gpu::opencl::{Buffer, Event};
@@ -116,8 +116,16 @@ impl Tracer {
             (None, _) => {}
         }
         launch!(self.describe_pixels);
-        if let Some(shade_mirrors) = &self.shade_mirrors {
-            launch!(shade_mirrors);
+        if let Some(mirrors) = &self.mirrors {
+            events.extend(mirrors.enqueue(Pixels {
+                scene,
+                camera,
+                shading,
+                tiles,
+                hits,
+                records,
+                counters,
+            })?);
         }
         Ok(events)
     }

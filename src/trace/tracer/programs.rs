@@ -1,6 +1,6 @@
 //! The built kernels of the variants that a device uses.
 
-use super::{SampleShading, shading};
+use super::{Mirrors, SampleShading, mirrors, shading};
 use crate::error::Result;
 use crate::gpu::opencl::{Device, DeviceInfo, Kernel, Program};
 use crate::isolated;
@@ -73,18 +73,22 @@ impl Programs {
             Traversal::Packet => 0,
             Traversal::SingleRay => shading::bytes_under_way(info),
         };
-        Ok(stacks(info, self.largest_stack()?) + rays)
+        let mirrored = match self.traversals.pixels {
+            Traversal::SingleRay if self.features.glossy => mirrors::bytes_under_way(info),
+            _ => 0,
+        };
+        Ok(stacks(info, self.largest_stack()?) + rays + mirrored)
     }
 
     /// Bytes that a work-item of any of a frame's large kernels needs beside registers.
     fn largest_stack(&self) -> Result<u64> {
         let mut kernels = Vec::new();
-        let for_gpus: &[&str] = match self.traversals.pixels {
+        let for_gpus: &[&[&str]] = match self.traversals.pixels {
             Traversal::Packet => &[],
-            Traversal::SingleRay => &["trace_sun", "shade_mirrors"],
+            Traversal::SingleRay => &[&["trace_sun"], &Mirrors::KERNELS],
         };
-        for name in ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"].iter().chain(for_gpus)
-        {
+        let of_all = ["trace_pixels", "trace_samples", "describe_pixels", "share_edges"];
+        for name in of_all.iter().chain(for_gpus.iter().copied().flatten()) {
             kernels.push(self.pixels.kernel(name)?);
         }
         let bundles = self.bundles.as_ref().unwrap_or(&self.pixels);

@@ -7,8 +7,9 @@ use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
 use crate::trace::Traversal;
 use crate::trace::hardware::{GROUP, RAY_WORDS};
 use crate::trace::kernels::{
-    BeginSamples, EndSamples, GenerateLightRays, Grid, IntersectLightRays, ResolveLight, SceneOf, ShadeGlass,
-    ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
+    BeginSamples, EndSamples, FollowGlassRays, GenerateGlassRays, GenerateLightRays, Grid,
+    IntersectLightRays, ResolveGlass, ResolveLight, SceneOf, ShadeLightHits, ShadeLightPaths, ShadePunctual,
+    ShadeSamples, TraceSunRays,
 };
 use crate::trace::light_cache::LookedUp;
 use crate::trace::source::{STATE_BYTES, SURFACE_BYTES};
@@ -59,8 +60,9 @@ impl SampleShading {
                 "trace_sun_rays",
                 "intersect_light_rays",
                 "shade_light_hits",
+                "shade_light_paths",
                 "shade_punctual",
-                "shade_glass",
+                "follow_glass_rays",
             ],
         }
     }
@@ -108,9 +110,10 @@ pub(in crate::trace) struct Wavefront {
     generate_light_rays: GenerateLightRays,
     intersect_light_rays: IntersectLightRays,
     shade_light_hits: ShadeLightHits,
+    shade_light_paths: ShadeLightPaths,
     resolve_light: ResolveLight,
     shade_punctual: ShadePunctual,
-    shade_glass: ShadeGlass,
+    glass: Glass,
     end_samples: EndSamples,
     memory: Option<Memory>,
 }
@@ -123,6 +126,8 @@ struct Memory {
     states: Buffer<u32>,
     rays: Buffer<u32>,
     queue: Buffer<u32>,
+    /// Those of them that paths are followed for.
+    paths: Buffer<u32>,
     /// A surface for each work-item that looks at hits.
     kept_surfaces: Buffer<u32>,
 }
@@ -135,9 +140,10 @@ impl Wavefront {
             generate_light_rays: GenerateLightRays::of(program)?,
             intersect_light_rays: IntersectLightRays::of(program)?,
             shade_light_hits: ShadeLightHits::of(program)?,
+            shade_light_paths: ShadeLightPaths::of(program)?,
             resolve_light: ResolveLight::of(program)?,
             shade_punctual: ShadePunctual::of(program)?,
-            shade_glass: ShadeGlass::of(program)?,
+            glass: Glass::of(program)?,
             end_samples: EndSamples::of(program)?,
             memory: None,
         })
@@ -180,15 +186,13 @@ impl Wavefront {
         events: &mut Vec<Step>,
     ) -> Result<()> {
         let Some(memory) = &self.memory else { return Ok(()) };
-        let Memory { states, kept_surfaces, .. } = memory;
+        let Memory { states, .. } = memory;
         let Work {
             scene, camera, shading, samples, first, count, hits, visibility, records, counters, ..
         } = *work;
-        let (info, keys, cells) = work.light;
         let group = Traversal::SingleRay.group();
         let of_samples = Grid { items: count as usize, group };
         let of_rays = Grid { items: count as usize * BATCH, group };
-        let of_hits = Grid { items: lanes_of_hits(count as usize), group };
         events.push(
             self.begin_samples
                 .launch(of_samples, scene, camera, shading, samples, first, count, hits, states)?
@@ -211,7 +215,18 @@ impl Wavefront {
             let (rays, queue) = memory.under_way(hardware.as_deref())?;
             events.push(
                 self.generate_light_rays
-                    .launch(of_rays, scene, camera, shading, first_ray, count, states, rays, queue)?
+                    .launch(
+                        of_rays,
+                        scene,
+                        camera,
+                        shading,
+                        first_ray,
+                        count,
+                        states,
+                        rays,
+                        queue,
+                        &memory.paths,
+                    )?
                     .into(),
             );
             let left = match &mut hardware {
@@ -227,26 +242,7 @@ impl Wavefront {
                     self.intersect_light_rays.launch(of_samples, scene, count, states, rays, queue)?;
                 events.push(traced.into());
             }
-            events.push(
-                self.shade_light_hits
-                    .launch(
-                        of_hits,
-                        scene,
-                        camera,
-                        shading,
-                        first_ray,
-                        count,
-                        states,
-                        rays,
-                        queue,
-                        info,
-                        keys,
-                        cells,
-                        counters,
-                        kept_surfaces,
-                    )?
-                    .into(),
-            );
+            self.shade_hits(work, memory, (rays, queue), first_ray, events)?;
             events.push(
                 self.resolve_light.launch(of_samples, scene, shading, count, states, rays, counters)?.into(),
             );
@@ -257,23 +253,8 @@ impl Wavefront {
             );
         }
         if work.glass {
-            events.push(
-                self.shade_glass
-                    .launch(
-                        of_samples,
-                        scene,
-                        camera,
-                        shading,
-                        count,
-                        states,
-                        info,
-                        keys,
-                        cells,
-                        counters,
-                        kept_surfaces,
-                    )?
-                    .into(),
-            );
+            let (rays, _) = memory.under_way(hardware.as_deref())?;
+            self.shade_glass(work, memory, rays, events)?;
         }
         events.push(
             self.end_samples
@@ -284,6 +265,125 @@ impl Wavefront {
         );
         Ok(())
     }
+
+    /// Enqueues what looks at the surfaces that light rays have met.
+    fn shade_hits(
+        &self,
+        work: &Work,
+        memory: &Memory,
+        (rays, queue): (&Buffer<u32>, &Buffer<u32>),
+        first_ray: u32,
+        events: &mut Vec<Step>,
+    ) -> Result<()> {
+        let Memory { states, paths, .. } = memory;
+        let Work { scene, camera, shading, count, .. } = *work;
+        let (info, keys, cells) = work.light;
+        let grid = of_hits(count);
+        // Where nothing is known of what surfaces send, paths are followed for all that was queued.
+        let knows_some = shading.bounces == 0 || shading.emitters > 0;
+        if knows_some {
+            events.push(
+                self.shade_light_hits
+                    .launch(
+                        grid, scene, camera, shading, count, states, rays, queue, info, keys, cells, paths,
+                    )?
+                    .into(),
+            );
+        }
+        if shading.bounces > 0 || shading.cached > 0 {
+            let paths = if knows_some { paths } else { queue };
+            self.follow_paths(work, memory, (rays, paths), (false, first_ray), events)?;
+        }
+        Ok(())
+    }
+
+    /// Enqueues what follows the paths of queued rays, which have passed glass or not, and are those of samples from one on.
+    fn follow_paths(
+        &self,
+        work: &Work,
+        memory: &Memory,
+        (rays, paths): (&Buffer<u32>, &Buffer<u32>),
+        (of_glass, first_ray): (bool, u32),
+        events: &mut Vec<Step>,
+    ) -> Result<()> {
+        let Memory { states, kept_surfaces, .. } = memory;
+        let Work { scene, camera, shading, count, counters, .. } = *work;
+        let (info, keys, cells) = work.light;
+        let followed = self.shade_light_paths.launch(
+            of_hits(count),
+            scene,
+            camera,
+            shading,
+            u32::from(of_glass),
+            first_ray,
+            count,
+            states,
+            rays,
+            paths,
+            info,
+            keys,
+            cells,
+            counters,
+            kept_surfaces,
+        )?;
+        events.push(followed.into());
+        Ok(())
+    }
+
+    /// Enqueues what follows rays through glass.
+    fn shade_glass(
+        &self,
+        work: &Work,
+        memory: &Memory,
+        rays: &Buffer<u32>,
+        events: &mut Vec<Step>,
+    ) -> Result<()> {
+        let Memory { states, paths, .. } = memory;
+        let Work { scene, camera, shading, count, counters, .. } = *work;
+        let group = Traversal::SingleRay.group();
+        let of_samples = Grid { items: count as usize, group };
+        let of_rays = Grid { items: count as usize * BATCH, group };
+        let Glass { generate_glass_rays, follow_glass_rays, resolve_glass } = &self.glass;
+        for first_ray in (0..rays_through_glass(shading)).step_by(BATCH) {
+            let entered = generate_glass_rays
+                .launch(of_rays, camera, shading, first_ray, count, states, rays, paths)?;
+            let followed =
+                follow_glass_rays.launch(of_rays, scene, shading, count, states, rays, paths, counters)?;
+            events.extend([entered.into(), followed.into()]);
+            self.follow_paths(work, memory, (rays, paths), (true, first_ray), events)?;
+            let resolved = resolve_glass.launch(of_samples, shading, first_ray, count, states, rays)?;
+            events.push(resolved.into());
+        }
+        Ok(())
+    }
+}
+
+/// The kernels of `kernels/gpu/glass.cl`.
+#[derive(Debug)]
+struct Glass {
+    generate_glass_rays: GenerateGlassRays,
+    follow_glass_rays: FollowGlassRays,
+    resolve_glass: ResolveGlass,
+}
+
+impl Glass {
+    fn of(program: &Program) -> Result<Self> {
+        Ok(Glass {
+            generate_glass_rays: GenerateGlassRays::of(program)?,
+            follow_glass_rays: FollowGlassRays::of(program)?,
+            resolve_glass: ResolveGlass::of(program)?,
+        })
+    }
+}
+
+/// Rays through the glass of a sample: as `rays_through_glass` in `kernels/shared/sample.h`.
+fn rays_through_glass(shading: &layout::Shading) -> u32 {
+    ((shading.rays - rays_to_sun(shading)) / 2).max(1)
+}
+
+/// A work-item for each of the lanes that look at what so many samples' rays have met.
+fn of_hits(samples: u32) -> Grid {
+    Grid { items: lanes_of_hits(samples as usize), group: Traversal::SingleRay.group() }
 }
 
 /// Rays of a sample that look at the sun's disc: as `rays_to_sun` in `kernels/shared/sample.h`.
@@ -308,7 +408,7 @@ pub(super) fn samples_under_way(info: &DeviceInfo) -> usize {
 
 /// Bytes of memory for so many samples under way.
 fn bytes_of(samples: usize) -> u64 {
-    let words = samples * BATCH * (RAY_WORDS + 1);
+    let words = samples * BATCH * (RAY_WORDS + 2);
     (samples * STATE_BYTES + words * size_of::<u32>() + lanes_of_hits(samples) * SURFACE_BYTES) as u64
 }
 
@@ -331,6 +431,7 @@ impl Memory {
             states: Buffer::new(device, samples * STATE_BYTES / size_of::<u32>())?,
             rays: Buffer::new(device, rays * RAY_WORDS)?,
             queue: Buffer::new(device, 1 + rays)?,
+            paths: Buffer::new(device, 1 + samples * BATCH)?,
             kept_surfaces: Buffer::new(device, lanes_of_hits(samples) * SURFACE_BYTES / size_of::<u32>())?,
         })
     }
