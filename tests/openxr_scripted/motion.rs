@@ -220,11 +220,12 @@ fn vectors_are_those_of_each_part_of_a_view_that_serves_both_eyes() {
         run.is_clean();
         let is_elsewhere = |frame: &u64| {
             layers(&run, *frame).iter().all(|views| views.len() == 2) && {
-                let [last, now] = layers(&run, *frame);
-                last[0]["pose"] != now[0]["pose"]
+                let [last, now] = layers(&run, *frame).map(|views| numbers(&views[0]["pose"]));
+                // By metres that nobody takes for none: on a busy machine frames may be for nearly the same instant.
+                last.iter().zip(&now).skip(4).any(|(last, now)| (last - now).abs() > 0.002)
             }
         };
-        let frame = FRAMES.clone().find(is_elsewhere).unwrap();
+        let frame = FRAMES.clone().find(is_elsewhere).expect("a frame that is seen from elsewhere");
         let [last, now] = layers(&run, frame);
         for (index, (last, now)) in last.iter().zip(&now).enumerate() {
             let pixels = pixels(&folder.path().join(frame.to_string()), index, now);
