@@ -31,6 +31,7 @@ impl Axis {
     /// As many pixels as the picture has, each as wide as one of its, which can be shifted.
     pub fn whole(picture: u32) -> Axis {
         let picture = f64::from(picture);
+        // Nothing lies beyond the radius; kernels take an axis without growth for one that is even.
         Axis { picture, gaze: 0.0, origin: 0.0, radius: 2.0 * picture, growth: 1.0 / picture.max(1.0) }
     }
 

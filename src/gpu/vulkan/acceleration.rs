@@ -79,14 +79,14 @@ struct DynamicLevel {
 }
 
 /// What a structure is built of, and how.
-struct Plan<'a> {
+struct BuildPlan<'a> {
     kind: vk::AccelerationStructureTypeKHR,
     flags: vk::BuildAccelerationStructureFlagsKHR,
     geometries: &'a [vk::AccelerationStructureGeometryKHR<'a>],
     counts: &'a [u32],
 }
 
-impl<'a> Plan<'a> {
+impl<'a> BuildPlan<'a> {
     fn info(&self) -> vk::AccelerationStructureBuildGeometryInfoKHR<'a> {
         vk::AccelerationStructureBuildGeometryInfoKHR::default()
             .ty(self.kind)
@@ -116,7 +116,7 @@ impl<'a> Plan<'a> {
     ///
     /// # Safety
     /// The memory has room for it there, and was made to hold structures.
-    unsafe fn structure(
+    unsafe fn create_in(
         &self,
         context: &Context,
         (home, first, size): (&Arc<Allocation>, u64, u64),
@@ -139,7 +139,7 @@ impl<'a> Plan<'a> {
     }
 
     /// A structure in memory of its own, and the scratch of its build; it is not built yet.
-    fn alone(
+    fn create(
         &self,
         context: &Context,
         below: Vec<Arc<Structure>>,
@@ -147,12 +147,12 @@ impl<'a> Plan<'a> {
         let (size, scratch) = self.sizes(context);
         let home = home(context, size)?;
         // SAFETY: the memory is as large as was asked for.
-        let structure = unsafe { self.structure(context, (&home, 0, size), below) }?;
+        let structure = unsafe { self.create_in(context, (&home, 0, size), below) }?;
         Ok((structure, scratch_of(context, scratch)?))
     }
 
-    /// Has a structure built with scratch from an address on.
-    fn onto(
+    /// What has a structure built, with scratch from an address on.
+    fn build_info(
         &self,
         structure: &Structure,
         scratch: vk::DeviceAddress,
@@ -192,7 +192,7 @@ impl BottomLevel {
             counts.push(part.corners.len() as u32);
             first += size_of_val(part.corners);
         }
-        let plan = Plan { kind: BOTTOM, flags: ONCE, geometries: &geometries, counts: &counts };
+        let plan = BuildPlan { kind: BOTTOM, flags: ONCE, geometries: &geometries, counts: &counts };
         // SAFETY: the geometries lie in `input`, which is handed over.
         unsafe { Structure::build(context, &plan, input, Vec::new()) }.map(BottomLevel)
     }
@@ -218,7 +218,7 @@ impl DynamicLevels {
             }
             let (size, of_build) = {
                 let (geometry, count) = (part.geometry(0), [part.count()]);
-                Plan { kind: BOTTOM, flags: OFTEN, geometries: &geometry, counts: &count }.sizes(context)
+                BuildPlan { kind: BOTTOM, flags: OFTEN, geometries: &geometry, counts: &count }.sizes(context)
             };
             places.push((bytes, size, scratch));
             bytes = (bytes + size).next_multiple_of(STRUCTURE_ALIGNMENT);
@@ -232,9 +232,9 @@ impl DynamicLevels {
         let scratch_start = scratch_start(context, &scratch);
         let level = |(part, (first, size, scratch)): (&DynamicTriangles, (u64, u64, u64))| {
             let (geometry, count) = (part.geometry(0), [part.count()]);
-            let plan = Plan { kind: BOTTOM, flags: OFTEN, geometries: &geometry, counts: &count };
+            let plan = BuildPlan { kind: BOTTOM, flags: OFTEN, geometries: &geometry, counts: &count };
             // SAFETY: the memory is as large as all of them were asked to be, one after the other.
-            let structure = unsafe { plan.structure(context, (&home, first, size), Vec::new()) }?;
+            let structure = unsafe { plan.create_in(context, (&home, first, size), Vec::new()) }?;
             Ok(DynamicLevel { structure, of: part.clone(), scratch: scratch_start + scratch })
         };
         let levels = parts.iter().zip(places).map(level).collect::<Result<Vec<_>>>()?;
@@ -264,7 +264,8 @@ impl Levels {
         let wanted: Vec<_> =
             wanted.map(|(_, level)| (level, level.of.geometry(start), [level.of.count()])).collect();
         let infos = wanted.iter().map(|(level, geometries, counts)| {
-            Plan { kind: BOTTOM, flags: OFTEN, geometries, counts }.onto(&level.structure, level.scratch)
+            BuildPlan { kind: BOTTOM, flags: OFTEN, geometries, counts }
+                .build_info(&level.structure, level.scratch)
         });
         let infos: Vec<_> = infos.collect();
         let ranges: Vec<_> = wanted.iter().map(|(.., [count])| [range(*count)]).collect();
@@ -289,7 +290,7 @@ impl TopLevel {
     pub fn build(context: &Context, placements: &[Placement]) -> Result<Self> {
         let input = instance_input(context, placements)?;
         let (geometry, count) = ([instances(address(context, &input.0))], [placements.len() as u32]);
-        let plan = Plan { kind: TOP, flags: ONCE, geometries: &geometry, counts: &count };
+        let plan = BuildPlan { kind: TOP, flags: ONCE, geometries: &geometry, counts: &count };
         // SAFETY: the records lie in `input`, which is handed over; what they refer to is kept.
         unsafe { Structure::build(context, &plan, input, below(placements)) }.map(TopLevel)
     }
@@ -306,8 +307,8 @@ impl DynamicTopLevel {
     pub fn new(context: &Context, placements: Vec<Placement>) -> Result<Self> {
         let input = instance_input(context, &placements)?;
         let (geometry, count) = ([instances(address(context, &input.0))], [placements.len() as u32]);
-        let plan = Plan { kind: TOP, flags: OFTEN, geometries: &geometry, counts: &count };
-        let (structure, scratch) = plan.alone(context, below(&placements))?;
+        let plan = BuildPlan { kind: TOP, flags: OFTEN, geometries: &geometry, counts: &count };
+        let (structure, scratch) = plan.create(context, below(&placements))?;
         Ok(DynamicTopLevel { top: TopLevel(structure), placements, changed: Vec::new(), input, scratch })
     }
 
@@ -338,8 +339,8 @@ impl DynamicTopLevel {
         let context = &self.top.0.context;
         let (geometry, count) =
             ([instances(address(context, &self.input.0))], [self.placements.len() as u32]);
-        let plan = Plan { kind: TOP, flags: OFTEN, geometries: &geometry, counts: &count };
-        let info = plan.onto(&self.top.0, scratch_start(context, &self.scratch));
+        let plan = BuildPlan { kind: TOP, flags: OFTEN, geometries: &geometry, counts: &count };
+        let info = plan.build_info(&self.top.0, scratch_start(context, &self.scratch));
         let (structures, ranges) = (&functions(context).structures, [range(count[0])]);
         let held: [Held; 3] = [self.top.0.clone(), self.scratch.clone(), self.input.0.clone()];
         // SAFETY: structure and scratch are as large as was asked for so many placements; what these refer to is kept by the
@@ -355,12 +356,12 @@ impl Structure {
     /// What the geometries refer to lies in `input` or, for instances, in what is `below`, and is as large as the counts say.
     unsafe fn build(
         context: &Context,
-        plan: &Plan,
+        plan: &BuildPlan,
         input: HostBuffer,
         below: Vec<Arc<Structure>>,
     ) -> Result<Arc<Self>> {
-        let (built, scratch) = plan.alone(context, below)?;
-        let info = plan.onto(&built, scratch_start(context, &scratch));
+        let (built, scratch) = plan.create(context, below)?;
+        let info = plan.build_info(&built, scratch_start(context, &scratch));
         let ranges: Vec<_> = plan.counts.iter().map(|&count| range(count)).collect();
         let mut commands = Commands::new(context)?;
         commands.begin()?;
