@@ -1,9 +1,10 @@
 //! What a new gaze costs: `cargo bench --bench gaze [-- --repeats 9]`.
 //!
 //! The gaze jumps from point to point, as eyes do. For each jump the pattern is made anew, and its neighbours are
-//! found on the presenting device. Prints the medians in a table in Markdown: the pattern, with samples sorted into cells, on the
-//! host and on the first OpenCL device, then the stages on the presenting device, in milliseconds; `all` is from the jump until
-//! all is found, with the pattern of the OpenCL device. Then whole frames with the
+//! found on the presenting device, and once more by OpenCL where that is for it. Prints the medians in a table in Markdown: the
+//! pattern, with samples sorted into cells, on the host and on the first OpenCL device, then the stages on the presenting device, in
+//! milliseconds; `all` is from the jump until all is found, with the pattern of the OpenCL device, `all by OpenCL` the same where that
+//! finds the neighbours too. Then whole frames with the
 //! default settings while the gaze goes around a circle, held for two frames at each point, and the head sways: what frames
 //! with a new gaze take, and those after them with the same one; least, and medians in brackets.
 
@@ -34,11 +35,11 @@ fn main() {
     let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
     let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
     let device = Device::open(&info).expect("the OpenCL device");
-    let mut maker = PatternMaker::new(&device).expect("kernels");
     let names = (context.report().name.clone(), repeats * GAZES.len());
     println!("{} (OpenCL), {} (Vulkan), medians of {} jumps, ms\n", info.name, names.0, names.1);
-    println!("| view | samples | method | on the host | on the device | {} | all |", STAGES.join(" | "));
-    println!("| --- | --- | --- | --- | --- | {} --- |", "--- | ".repeat(STAGES.len()));
+    let stages = STAGES.join(" | ");
+    println!("| view | samples | method | on the host | on the device | {stages} | all | all by OpenCL |");
+    println!("| --- | --- | --- | --- | --- | {} --- | --- |", "--- | ".repeat(STAGES.len()));
     let (guided, k_nearest) = (Mode::default(), Mode::KNearest);
     for (size, count, mode, law) in [
         ((1280, 800), 55_000, guided, Law::default()),
@@ -47,7 +48,7 @@ fn main() {
         ((1280, 800), 55_000, k_nearest, Law::default()),
         ((640, 800), 27_500, guided, Law::default()),
     ] {
-        let row = jumps(&context, &mut maker, size, count, mode, law, repeats);
+        let row = jumps(&context, &device, size, count, mode, law, repeats);
         let method = if mode == Mode::KNearest { "k-nn" } else { "guided" };
         let name = if law == Law::default() { "" } else { ", log-polar" };
         println!("| {}x{}{name} | {count} | {method} | {row} |", size.0, size.1);
@@ -98,7 +99,7 @@ fn frames(context: &Context, loaded: &Loaded, (width, height): (u32, u32), repea
 /// The cells of one line.
 fn jumps(
     context: &Context,
-    maker: &mut PatternMaker,
+    device: &Device,
     (width, height): (u32, u32),
     count: usize,
     mode: Mode,
@@ -113,9 +114,12 @@ fn jumps(
         height,
         spacing: Default::default(),
     };
-    let mut reconstruction =
-        Reconstruction::new(context, Settings { mode, ..Settings::default() }).expect("shaders");
-    let mut times: Vec<Vec<f64>> = vec![Vec::new(); STAGES.len() + 3];
+    let settings = Settings { mode, ..Settings::default() };
+    let made = || Reconstruction::new(context, settings).expect("shaders");
+    let (mut reconstruction, mut by_opencl) = (made(), made());
+    let mut maker = PatternMaker::new(device).expect("kernels");
+    let mut finding = PatternMaker::with_neighbours(device, context, settings.lists()).expect("kernels");
+    let mut times: Vec<Vec<f64>> = vec![Vec::new(); STAGES.len() + 4];
     for jump in 0..=repeats * GAZES.len() {
         let gaze = DVec2::from(GAZES[jump % GAZES.len()]);
         let start = Instant::now();
@@ -124,18 +128,23 @@ fn jumps(
         let on_host = start.elapsed().as_secs_f64() * 1e3;
         let start = Instant::now();
         let wanted = PatternRequest { view, law, gaze, count, hidden: None, lens: None };
-        let (pattern, cells) = maker.choose(&wanted).expect("a pattern");
+        let (pattern, searched) = maker.choose(&wanted).expect("a pattern");
         let on_device = start.elapsed().as_secs_f64() * 1e3;
         let size = (width, height);
-        reconstruction.set_sorted_pattern(0, size, &pattern.samples, Some(cells)).expect("neighbours");
+        reconstruction.set_sorted_pattern(0, size, &pattern.samples, Some(searched)).expect("neighbours");
         let stages = reconstruction.wait_pattern(0).expect("neighbours");
         let all = start.elapsed().as_secs_f64() * 1e3;
+        let start = Instant::now();
+        let (pattern, searched) = finding.choose(&wanted).expect("a pattern");
+        by_opencl.set_sorted_pattern(0, size, &pattern.samples, Some(searched)).expect("neighbours");
+        by_opencl.wait_pattern(0).expect("neighbours");
+        let all_by_opencl = start.elapsed().as_secs_f64() * 1e3;
         // Drivers finish building shaders at their first use.
         if jump == 0 {
             continue;
         }
         let found = STAGES.map(|name| stages.iter().filter(|s| s.stage == name).map(|s| s.ms).sum());
-        let all = [on_host, on_device].into_iter().chain(found).chain([all]);
+        let all = [on_host, on_device].into_iter().chain(found).chain([all, all_by_opencl]);
         times.iter_mut().zip(all).for_each(|(times, ms)| times.push(ms));
     }
     let cell = |times: &Vec<f64>| format!("{:.1}", median(times).unwrap_or(0.0));

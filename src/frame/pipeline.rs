@@ -7,7 +7,7 @@
 //!   when gaze or view have changed, for all views before any is traced: `spaced` makes the view's pixels wider
 //!   where the eye resolves less (guided; docs/foveation.md), `PatternMaker::choose` (`kernels/pattern.cl`) or, at first,
 //!   `Pattern::new` chooses the pixels to sample, `Reconstruction::set_pattern` has the nearest samples of each pixel and each sample found on the Vulkan
-//!   device, beside the first view's tracing
+//!   device, beside the first view's tracing, unless `PatternMaker::choose` has found them (`kernels/cpu/neighbours.cl`)
 //! - split (`Balancer::split` in `src/frame/balance/mod.rs`): each device gets a run of the samples, and of
 //!   the tiles under them
 //! - trace (`Scheduler::begin`, `Tracer::enqueue_parts`, `kernels/trace.cl`): all devices at once; guided:
@@ -337,6 +337,7 @@ impl Renderer {
     fn reconstruct_by(&mut self, settings: reconstruct::Settings) -> Result<()> {
         if *self.reconstruction.settings() != settings {
             self.reconstruction = Reconstruction::new(&self.context, settings)?;
+            self.patterns.look_for(settings.lists());
             self.views.clear();
         }
         Ok(())

@@ -42,10 +42,10 @@ pub use settings::{GuidedSettings, MAX_K, MAX_NEIGHBOURS, Mode, Settings, Weight
 use glam::DVec2;
 
 use crate::error::Result;
-use crate::foveation::Cells;
 use crate::gpu::vulkan::{Attachments, BufferRef, Commands, Context, HostBuffer, PassPipeline, StageTime};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
+use crate::trace::pattern_maker::Searched;
 use denoise::Denoise;
 use history::{Accumulate, Fresh, History};
 use magnify::Magnify;
@@ -140,7 +140,8 @@ impl Reconstruction {
         self.set_sorted_pattern(view, (width, height), samples, None)
     }
 
-    /// The same with samples that may be sorted already.
+    /// The same with samples that may be sorted already, or whose neighbours may be known: those that
+    /// [`Settings::lists`] tells.
     ///
     /// # Errors
     /// As [`Reconstruction::set_pattern`].
@@ -149,7 +150,7 @@ impl Reconstruction {
         view: usize,
         size: (u32, u32),
         samples: &[u32],
-        cells: Option<Cells>,
+        searched: Option<Searched>,
     ) -> Result<()> {
         assert!(view <= self.views.len(), "view {view} comes before view {}", self.views.len());
         if view == self.views.len() {
@@ -169,7 +170,7 @@ impl Reconstruction {
         }
         let state = &mut self.views[view];
         state.commands.wait()?;
-        state.tables.set(&self.context, &self.settings, &self.finders, size, samples, cells)
+        state.tables.set(&self.context, &self.settings, &self.finders, size, samples, searched)
     }
 
     /// Waits for the neighbours of a view's pattern, and says how long finding them took; empty if

@@ -2,6 +2,7 @@
 
 use super::history::Reuse;
 use crate::error::{Error, Result};
+use crate::trace::pattern_maker::Lists;
 
 /// Most samples that a pixel averages.
 pub const MAX_K: u32 = 16;
@@ -127,6 +128,20 @@ impl Settings {
     }
 
     /// The guided mode's settings, or the default ones, unused, in the other mode.
+    /// The neighbours that patterns are wanted with.
+    pub fn lists(&self) -> Lists {
+        let of_sample = match self.mode {
+            Mode::Guided(guided) => guided.neighbours,
+            Mode::KNearest => 1,
+        };
+        let weights = match self.weights {
+            Weights::Shepard => 0,
+            Weights::Gaussian => 1,
+            Weights::Inverse => 2,
+        };
+        Lists { of_pixel: self.k, of_sample, weights }
+    }
+
     pub(super) fn guided(&self) -> GuidedSettings {
         match self.mode {
             Mode::Guided(guided) => guided,

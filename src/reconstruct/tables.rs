@@ -7,11 +7,14 @@
 //! looked for at once in a circle that its block's radius suggests, 1.3 times as wide as in proportion (1.05,
 //! 1.15 and 1.5 cost more), where three searches were usual: 23 ms became 11. What gained less there: groups
 //! of eight lanes that all read the same samples, for 8 × 8 pixels or for eight samples, took about two
-//! thirds of the time before (it seems that lavapipe reads lane by lane in loops all the same).
+//! thirds of the time before (it seems that lavapipe reads lane by lane in loops all the same). Where a processor
+//! both traces and presents, `src/trace/pattern_maker/neighbours.rs` finds them in a fifth of the time, but for a view's first pattern.
+
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::settings::{PREPARED_BYTES, Settings, Weights};
+use super::settings::{PREPARED_BYTES, Settings};
 use super::{Mode, shaders};
 use crate::error::{Error, Result};
 use crate::foveation::{Cells, one_to_one};
@@ -19,6 +22,7 @@ use crate::gpu::vulkan::{
     BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer, StageTime,
 };
 use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::trace::pattern_maker::{Neighbours, Searched};
 
 /// Pixels across and down a block that shares a search radius, as in neighbours.wgsl.
 const BLOCK: u32 = 4;
@@ -85,6 +89,8 @@ pub(super) struct Band {
     /// The samples that the indices name lie in this range.
     pub first_sample: u32,
     pub samples: usize,
+    /// Who lends the memory, if it is not this room's: not written to as long as it is kept.
+    lent: Option<Arc<Neighbours>>,
 }
 
 /// What a view's frames need of its pattern.
@@ -105,6 +111,8 @@ pub(super) struct Tables {
     /// Whether the next frame looks this one's samples up: then a new pattern leaves its tables alone.
     kept: bool,
     nearest: Option<BufferRef>,
+    /// Whether it belongs to who lends the bands.
+    nearest_is_lent: bool,
     positions: BufferRef,
     prepared: BufferRef,
     /// Room for as many samples more, once a pass has needed it.
@@ -145,6 +153,7 @@ impl Tables {
             spare_shape: (0, 0, 0),
             kept: false,
             nearest: None,
+            nearest_is_lent: false,
             positions: empty.clone(),
             prepared: empty,
             exchanged: None,
@@ -196,7 +205,7 @@ impl Tables {
         self.commands.wait()
     }
 
-    /// Starts finding the neighbours of a new pattern, whose samples may be sorted already.
+    /// Starts finding the neighbours of a new pattern, whose samples may be sorted already, if they are not found.
     pub fn set(
         &mut self,
         context: &Context,
@@ -204,9 +213,9 @@ impl Tables {
         finders: &Finders,
         size: (u32, u32),
         samples: &[u32],
-        cells: Option<Cells>,
+        searched: Option<Searched>,
     ) -> Result<()> {
-        let started = self.start(context, settings, finders, size, samples, cells);
+        let started = self.start(context, settings, finders, size, samples, searched);
         if started.is_err() {
             // A pattern that failed half way must not be drawn.
             (self.width, self.height, self.count) = (0, 0, 0);
@@ -222,14 +231,14 @@ impl Tables {
         finders: &Finders,
         (width, height): (u32, u32),
         samples: &[u32],
-        cells: Option<Cells>,
+        searched: Option<Searched>,
     ) -> Result<()> {
         check_size(context, (width, height))?;
         let map = one_to_one(width, height, samples);
         check_count(context, settings, (width, height), samples.len(), map.is_some())?;
-        let cells = match (&map, cells) {
+        let searched = match (&map, searched) {
             (Some(_), _) => None,
-            (None, None) => Some(Cells::new(width, height, samples)?),
+            (None, None) => Some(Searched::Cells(Cells::new(width, height, samples)?)),
             (None, given) => given,
         };
         let k = if map.is_some() { 1 } else { settings.k.min(samples.len() as u32) };
@@ -239,27 +248,48 @@ impl Tables {
             std::mem::swap(&mut self.bands, &mut self.spare);
             shape = std::mem::replace(&mut self.spare_shape, shape);
         }
-        let same = shape == (width, height, k);
+        let same = shape == (width, height, k) && self.bands.iter().all(|band| band.lent.is_none());
         (self.width, self.height, self.k, self.count) = (width, height, k, samples.len());
         self.positions = upload(context, &mut self.commands, samples)?;
         if self.prepared.size() < samples.len() * PREPARED_BYTES {
             self.prepared = device(context, samples.len() * PREPARED_BYTES)?;
         }
         self.full = map.is_some();
-        if let Some(map) = map {
-            self.nearest = None;
-            self.neighbours = 1;
-            self.bands = self.own_samples(context, &map)?;
-        } else if let Some(cells) = cells {
-            if !same {
-                self.bands = empty_bands(context, (width, height), k)?;
+        match (map, searched) {
+            (Some(map), _) => {
+                self.nearest = None;
+                self.neighbours = 1;
+                self.bands = self.own_samples(context, &map)?;
             }
-            for band in &mut self.bands {
-                (band.first_sample, band.samples) = (0, samples.len());
+            (None, Some(Searched::Neighbours(found))) => self.take(found),
+            (None, Some(Searched::Cells(cells))) => {
+                if !same {
+                    self.bands = empty_bands(context, (width, height), k)?;
+                }
+                for band in &mut self.bands {
+                    (band.first_sample, band.samples) = (0, samples.len());
+                }
+                self.find(context, settings, finders, &cells)?;
             }
-            self.find(context, settings, finders, &cells)?;
+            (None, None) => {}
         }
         self.commands.submit()
+    }
+
+    /// Takes over what was found elsewhere.
+    fn take(&mut self, found: Arc<Neighbours>) {
+        let [indices, weights] = found.of_pixels(self.width as usize * self.height as usize);
+        (self.nearest, self.nearest_is_lent) = (found.of_samples(), true);
+        self.neighbours = found.lists.of_sample.max(1);
+        self.bands = vec![Band {
+            first_row: 0,
+            rows: self.height,
+            indices,
+            weights,
+            first_sample: 0,
+            samples: self.count,
+            lent: Some(found),
+        }];
     }
 
     /// Tables that give each pixel its own sample.
@@ -281,6 +311,7 @@ impl Tables {
                 weights: upload(context, &mut self.commands, &vec![1.0f32; part.len()])?,
                 first_sample: low,
                 samples,
+                lent: None,
             });
         }
         Ok(bands)
@@ -309,11 +340,7 @@ impl Tables {
             cells_across: cells.across,
             wanted,
             first_radius: self.usual_radius(wanted),
-            weights: match settings.weights {
-                Weights::Shepard => 0,
-                Weights::Gaussian => 1,
-                Weights::Inverse => 2,
-            },
+            weights: settings.lists().weights,
             first_row: 0,
             rows: self.height,
             written: self.k,
@@ -335,7 +362,7 @@ impl Tables {
             self.neighbours = settings.guided().neighbours.min(self.count as u32);
             let bytes = self.count * self.neighbours as usize * 4;
             let nearest = match self.nearest.take() {
-                Some(nearest) if nearest.size() >= bytes => nearest,
+                Some(nearest) if nearest.size() >= bytes && !self.nearest_is_lent => nearest,
                 _ => device(context, bytes)?,
             };
             parameters.wanted = self.neighbours;
@@ -346,7 +373,7 @@ impl Tables {
             let groups = [parameters.count.div_ceil(64), 1, 1];
             self.commands.dispatch(pipeline, &buffers, bytemuck::bytes_of(&parameters), groups)?;
             self.commands.end_stage("samples");
-            self.nearest = Some(nearest);
+            (self.nearest, self.nearest_is_lent) = (Some(nearest), false);
         }
         Ok(())
     }
@@ -380,6 +407,7 @@ fn empty_bands(context: &Context, size: (u32, u32), k: u32) -> Result<Vec<Band>>
                 weights: device(context, bytes)?,
                 first_sample: 0,
                 samples: 0,
+                lent: None,
             })
         })
         .collect()

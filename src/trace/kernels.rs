@@ -331,6 +331,16 @@ kernels! {
         law: &SampleLaw, order: &Buffer<u32>, blocks: u32, marks: &Buffer<u32>, starts: &Buffer<u32>,
         counts: &Buffer<u32>, samples: &Buffer<u32>, sorted: &Buffer<[u32; 2]>,
     );
+    /// Finds the samples nearest to pixels.
+    NearestToPixels = nearest_to_pixels(
+        width: u32, height: u32, count: u32, shift: u32, weights: u32, sorted: &Buffer<[u32; 2]>,
+        starts: &Buffer<u32>, first_start: u32, indices: &Buffer<u32>, pixel_weights: &Buffer<f32>,
+    );
+    /// Finds the samples nearest to samples.
+    NearestToSamples = nearest_to_samples(
+        width: u32, height: u32, count: u32, shift: u32, sorted: &Buffer<[u32; 2]>, starts: &Buffer<u32>,
+        first_start: u32, samples: &Buffer<u32>, nearest: &Buffer<u32>,
+    );
     /// Counts what rays of bundles visit.
     CountBundles = count_bundles(
         scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32, nearest: u32,
@@ -386,7 +396,10 @@ mod tests {
 
     #[test]
     fn launch_functions_take_what_their_kernels_do() {
-        let text = source::text() + &source::probe_text() + &source::pattern_text();
+        let text = source::text()
+            + &source::probe_text()
+            + &source::pattern_text()
+            + &source::neighbours_text(4, 24);
         let declared = declared(&text);
         for (name, parameters) in PARAMETERS {
             let given: Vec<(String, String)> =

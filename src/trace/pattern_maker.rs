@@ -5,6 +5,7 @@
 //! [`Pattern::new`] and those beside it make the same patterns, to the bit where the device rounds divisions and roots
 //! correctly: they serve until the kernels are built, after a failure, and as the tests' reference.
 
+mod neighbours;
 mod thread;
 
 use std::sync::Arc;
@@ -20,9 +21,12 @@ use crate::error::{Error, Result};
 use crate::foveation::keys::Keys;
 use crate::foveation::{BitMask, Cells, Law, Lens, Pattern, order, pattern::TILE};
 use crate::gpu::opencl::{Buffer, Device, Program, Transfer};
+use crate::gpu::vulkan::Context;
 use crate::layout::SampleLaw;
 use crate::math::blue_noise;
 use crate::math::view::View;
+use neighbours::{Finder, Listed};
+pub use neighbours::{Lists, Neighbours, Searched};
 pub use thread::Patterns;
 
 /// Work-items that scan or select together, and of a group elsewhere: SCAN_GROUP of kernels/pattern.cl.
@@ -68,7 +72,6 @@ impl PatternRequest {
 }
 
 /// Kernels that choose samples, and their memory.
-#[derive(Debug)]
 pub struct PatternMaker {
     device: Device,
     kernels: Kernels,
@@ -76,6 +79,8 @@ pub struct PatternMaker {
     ranks: Buffer<f32>,
     /// Work-items of a group that counts.
     group: usize,
+    /// Finds neighbours where the presenting device does not.
+    finder: Option<Finder>,
 }
 
 #[derive(Debug)]
@@ -140,6 +145,16 @@ impl PatternMaker {
         Self::with_group(device, if device.info().kind == "cpu" { 1 } else { 256 })
     }
 
+    /// The same for one that also finds neighbours for a presenting device whose memory it sees, if it is the faster of the two.
+    ///
+    /// # Errors
+    /// As [`PatternMaker::new`].
+    pub fn with_neighbours(device: &Device, context: &Context, lists: Lists) -> Result<Self> {
+        let finds = Finder::serves(device, context);
+        let finder = finds.then(|| Finder::new(device, context, lists)).transpose()?;
+        Ok(PatternMaker { finder, ..Self::new(device)? })
+    }
+
     /// The same with groups of so many work-items that count.
     fn with_group(device: &Device, group: usize) -> Result<Self> {
         let text = source::pattern_text();
@@ -161,14 +176,15 @@ impl PatternMaker {
             room: Room::new(device)?,
             ranks: Buffer::from_slice(device, &ranks)?,
             group,
+            finder: None,
         })
     }
 
-    /// Chooses the pixels that are sampled, and sorts them into cells.
+    /// Chooses the pixels that are sampled, and sorts them into cells or finds their neighbours.
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device has no room, is lost, or lists what cannot be.
-    pub fn choose(&mut self, wanted: &PatternRequest) -> Result<(Pattern, Cells)> {
+    pub fn choose(&mut self, wanted: &PatternRequest) -> Result<(Pattern, Searched)> {
         let (view, lens) = (&wanted.view, wanted.lens.as_deref());
         let hidden = wanted.hidden.as_deref().filter(|_| lens.is_none());
         let keys = Keys::new(view, &wanted.law, wanted.gaze, lens, hidden);
@@ -184,28 +200,56 @@ impl PatternMaker {
         self.room.fit(&self.device, (view.pixels(), asked, blocks, counts))?;
         let uploads = self.upload(&keys, &order)?;
         self.enqueue(&keys, &law, (view.pixels(), asked, blocks, counts))?;
-        let room = &self.room;
-        let starts = room.starts.start_read(0, counts + 1)?;
-        let sorted = room.sorted.start_read(0, asked)?;
-        let samples = room.samples.start_read(0, asked)?;
-        let selection = room.selection.start_read(0, SELECTION)?;
+        let selection = self.room.selection.start_read(0, SELECTION)?;
         self.device.flush()?;
         let count = selection.into_memory()?[SELECTED] as usize;
         drop(uploads);
-        let (mut samples, mut sorted) = (samples.into_memory()?, sorted.into_memory()?);
-        samples.truncate(count);
-        sorted.truncate(count);
-        let starts = starts.into_memory()?;
+        if count > asked {
+            return Err(self.lists_what_cannot_be());
+        }
+        let found = self.find([view.width, view.height], count, blocks, shift)?;
+        // In order: when the list is read, neighbours are found.
+        let room = &self.room;
+        let starts = room.starts.start_read(0, if found.is_some() { blocks } else { counts + 1 })?;
+        let sorted = found.is_none().then(|| room.sorted.start_read(0, count)).transpose()?;
+        let samples = room.samples.start_read(0, count)?;
+        self.device.flush()?;
+        let (samples, starts) = (samples.into_memory()?, starts.into_memory()?);
         let lists = [&starts[..blocks], &starts[blocks..]];
         let rises =
             |list: &&[u32]| list.is_sorted() && list.last().is_none_or(|&last| last as usize <= count);
-        if count > asked || !lists.iter().all(rises) {
-            let problem = "lists samples that cannot be; update its driver".to_string();
-            return Err(Error::Device { device: self.device.info().name.clone(), problem });
+        if !lists.iter().all(rises) {
+            return Err(self.lists_what_cannot_be());
         }
         let tiles: Vec<u32> = starts[..blocks].iter().step_by(BLOCKS).copied().collect();
         let pattern = Pattern::of_list(view, samples, order, &tiles);
-        Ok((pattern, Cells { sorted, starts: starts[blocks..].to_vec(), shift, across }))
+        let searched = match (found, sorted) {
+            (Some(found), _) => Searched::Neighbours(found),
+            (None, sorted) => {
+                let sorted = sorted.map_or(Ok(Vec::new()), Transfer::into_memory)?;
+                Searched::Cells(Cells { sorted, starts: starts[blocks..].to_vec(), shift, across })
+            }
+        };
+        Ok((pattern, searched))
+    }
+
+    fn lists_what_cannot_be(&self) -> Error {
+        let problem = "lists samples that cannot be; update its driver".to_string();
+        Error::Device { device: self.device.info().name.clone(), problem }
+    }
+
+    /// Starts finding the neighbours of so many samples, whose cells begin at a place of `starts`.
+    fn find(
+        &mut self,
+        size: [u32; 2],
+        count: usize,
+        first_start: usize,
+        shift: u32,
+    ) -> Result<Option<Arc<Neighbours>>> {
+        let Some(finder) = &mut self.finder else { return Ok(None) };
+        let Room { samples, sorted, starts, .. } = &self.room;
+        let first_start = first_start as u32;
+        finder.find(&Listed { size, count, samples, sorted, starts, first_start, shift })
     }
 
     /// Starts copying what keys come from; what is copied lives until the copies are done.

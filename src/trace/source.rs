@@ -113,7 +113,54 @@ pub fn pattern_text() -> String {
     [include_str!("../../kernels/shared/types.h"), include_str!("../../kernels/pattern.cl")].join("\n")
 }
 
-/// The options that they are built with; `group`: work-items of a group that counts.
+/// The text of the kernels that find neighbours, for lists of so many: what fills a list is joined for each kind of it.
+pub fn neighbours_text(of_pixel: u32, of_sample: u32) -> String {
+    // Beside a pixel's own the nearest outside of its list, for weights; lists have one place at least.
+    let (pixel, sample) = (of_pixel + 1, of_sample.max(1));
+    let [cells, nearest, kernels] = [
+        include_str!("../../kernels/cpu/cells.h"),
+        include_str!("../../kernels/cpu/nearest.h"),
+        include_str!("../../kernels/cpu/neighbours.cl"),
+    ];
+    let narrow = [
+        ("KEYS", "uint16"),
+        ("TO_KEYS(v)", "(v)"),
+        ("TO_WORDS(v)", "(v)"),
+        ("INDEX_BITS", "20"),
+        ("INDEX_MASK", "0xfffffu"),
+        ("FARTHEST", "4095u"),
+    ];
+    let wide = [
+        ("KEYS", "ulong16"),
+        ("TO_KEYS(v)", "convert_ulong16(v)"),
+        ("TO_WORDS(v)", "convert_uint16(v)"),
+        ("INDEX_BITS", "32"),
+        ("INDEX_MASK", "0xffffffffu"),
+        ("FARTHEST", "0xffffffffu"),
+    ];
+    let list = |name: &str, places: u32, keys: &[(&str, &str)]| {
+        let (of_run, places) = (format!("{name}_of_run"), places.to_string());
+        let own = [("NEAREST", name), ("NEAREST_OF_RUN", of_run.as_str()), ("LIST", places.as_str())];
+        let all: Vec<_> = own.iter().chain(keys).collect();
+        let defined: String = all.iter().map(|(key, value)| format!("#define {key} {value}\n")).collect();
+        let key = |name: &str| name.split('(').next().unwrap_or(name).to_string();
+        let ended: String = all.iter().map(|(name, _)| format!("#undef {}\n", key(name))).collect();
+        defined + nearest + &ended
+    };
+    let lengths = format!("#define PIXEL_LIST {pixel}\n#define SAMPLE_LIST {sample}\n");
+    [
+        cells,
+        &lengths,
+        &list("nearest_to_block", pixel, &narrow),
+        &list("nearest_to_block_far", pixel, &wide),
+        &list("nearest_to_run", sample, &narrow),
+        &list("nearest_to_run_far", sample, &wide),
+        kernels,
+    ]
+    .join("\n")
+}
+
+/// The options that patterns' kernels are built with; `group`: work-items of a group that counts.
 pub fn pattern_options(group: usize) -> String {
     let (mask, lens) = (blue_noise::SIZE, LENS_STEPS);
     format!("-cl-std=CL1.2 -D GROUP={group} -D MASK={mask} -D LENS_STEPS={lens}")

@@ -73,10 +73,10 @@ impl Renderer {
         let (gaze, hidden) = (request.gaze, request.hidden.clone());
         let wanted = PatternRequest { view: *view, law, gaze, count, hidden, lens };
         let made = if self.chooses(index, &wanted) { self.patterns.choose(&wanted) } else { None };
-        let (pattern, cells) =
-            made.map_or_else(|| (wanted.on_host(), None), |(pattern, cells)| (pattern, Some(cells)));
+        let (pattern, searched) =
+            made.map_or_else(|| (wanted.on_host(), None), |(pattern, searched)| (pattern, Some(searched)));
         let size = (view.width, view.height);
-        self.reconstruction.set_sorted_pattern(index, size, &pattern.samples, cells)?;
+        self.reconstruction.set_sorted_pattern(index, size, &pattern.samples, searched)?;
         self.take_pattern(index, key, *view, pattern)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }

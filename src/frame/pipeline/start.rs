@@ -108,13 +108,16 @@ impl Renderer {
         let (reconstruction, shaders_step) = timed("shaders", || {
             Reconstruction::new(context, reconstruction_settings(&quality, reuse(config)))
         })?;
+        // Where samples are written in place, neighbours can be.
+        let shares = scheduler.direct().is_some();
+        let neighbours = shares.then(|| (context.clone(), reconstruction.settings().lists()));
         let mut renderer = Renderer {
             scheduler,
             reconstruction,
             context: context.clone(),
             law: quality.law,
             lenses: Vec::new(),
-            patterns: Patterns::of(device),
+            patterns: Patterns::of(device, neighbours),
             samples: quality.samples,
             visibility_slope: config.foveation.visibility_slope,
             settings: trace_settings(&quality, config.trace.seed),

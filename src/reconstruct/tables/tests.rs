@@ -1,6 +1,13 @@
+use glam::DVec2;
+
 use super::*;
+use crate::foveation::Law;
+use crate::gpu::opencl;
 use crate::gpu::vulkan::testing;
-use crate::reconstruct::{GuidedSettings, MAX_NEIGHBOURS};
+use crate::math::pose::Pose;
+use crate::math::view::{FieldOfView, View};
+use crate::reconstruct::{GuidedSettings, MAX_NEIGHBOURS, Weights};
+use crate::trace::pattern_maker::{PatternMaker, PatternRequest};
 
 /// All samples by distance from a pixel, then by index, with their squared distances.
 fn by_distance(x: u32, y: u32, samples: &[u32]) -> Vec<(u64, u32)> {
@@ -153,5 +160,54 @@ fn patterns_that_cannot_be_used_are_refused() {
     refuse((10, 10), &[10], "pattern: ");
     refuse((0, 10), &[0], "size: ");
     refuse((1 << 16, 10), &[0], "size: ");
+    testing::assert_valid(&context);
+}
+
+/// Neighbours that somebody else has found are left alone as long as frames look them up, by searches of this room's own and
+/// by those of others.
+#[test]
+fn memory_that_is_lent_is_left_alone_while_frames_look_it_up() {
+    let Some(context) = testing::context() else { return };
+    let infos = opencl::device::list();
+    let processor = infos.iter().find(|info| info.unusable.is_none() && info.kind == "cpu");
+    let Some(device) = processor.map(|info| opencl::Device::open(info).unwrap()) else {
+        println!("not run: there is no OpenCL device that is a processor");
+        return;
+    };
+    let settings = Settings::default();
+    let mut maker = PatternMaker::with_neighbours(&device, &context, settings.lists()).unwrap();
+    let fov = FieldOfView::symmetric(1.0, 1.0);
+    let view =
+        View { world_from_eye: Pose::IDENTITY, fov, width: 64, height: 48, spacing: Default::default() };
+    let mut made = |gaze: f64| {
+        let gaze = DVec2::splat(gaze);
+        let wanted = PatternRequest { view, law: Law::default(), gaze, count: 300, hidden: None, lens: None };
+        let (pattern, Searched::Neighbours(found)) = maker.choose(&wanted).unwrap() else {
+            panic!("no neighbours, though both devices are processors: {:?}", context.report().kind)
+        };
+        (pattern.samples, found)
+    };
+    let finders = Finders::new(&context, &settings).unwrap();
+    let mut tables = Tables::new(&context).unwrap();
+    let mut last: Option<(Vec<u32>, BufferRef, usize)> = None;
+    // Lent, lent, own, own, lent, own, lent, lent.
+    for (step, is_lent) in [true, true, false, false, true, false, true, true].into_iter().enumerate() {
+        let (samples, found) = made(0.1 * step as f64);
+        let searched = is_lent.then_some(Searched::Neighbours(found));
+        tables.set(&context, &settings, &finders, (64, 48), &samples, searched).unwrap();
+        tables.wait().unwrap();
+        check_pixels(&context, &tables, settings.weights, &samples);
+        check_samples(&context, &tables, &samples);
+        if let Some((indices, at, count)) = last {
+            assert_eq!(indices, testing::fetch::<u32>(&context, &at, count), "step {step}: the frame before");
+        }
+        // Others' searches meanwhile.
+        made(0.9 - 0.1 * step as f64);
+        check_pixels(&context, &tables, settings.weights, &samples);
+        check_samples(&context, &tables, &samples);
+        let (at, count) = (tables.bands()[0].indices.clone(), 64 * 48 * tables.k as usize);
+        last = Some((testing::fetch(&context, &at, count), at, count));
+        tables.keep();
+    }
     testing::assert_valid(&context);
 }

@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use glam::DVec2;
 
-use super::{PatternMaker, PatternRequest};
-use crate::foveation::{Cells, Law, Pattern};
+use super::{Lists, PatternMaker, PatternRequest, Searched};
+use crate::foveation::{Law, Pattern};
 use crate::gpu::opencl::Device;
+use crate::gpu::vulkan::Context;
 use crate::math::pose::Pose;
 use crate::math::view::{FieldOfView, View};
 use crate::waiting::{self, Limits};
@@ -17,14 +18,17 @@ use crate::waiting::{self, Limits};
 /// A pattern takes milliseconds; who takes so long is not asked again.
 const PATIENCE: Limits = Limits { told: Duration::from_secs(3), end: Duration::from_secs(3) };
 
-type Made = (Pattern, Cells);
+type Made = (Pattern, Searched);
 /// A pattern, or none where kernels are built, or why there will be no more.
 type Answer = Result<Option<Made>, String>;
 
 /// Patterns from a device, as far as it serves.
 pub struct Patterns {
-    /// The device, until it is first asked.
-    idle: Option<Device>,
+    /// The device, as long as it has not failed.
+    device: Option<Device>,
+    /// The presenting device whose memory it sees, if it does, and which neighbours that wants.
+    neighbours: Option<(Context, Lists)>,
+    /// From when it is first asked.
     working: Option<Working>,
     notes: Vec<String>,
 }
@@ -39,22 +43,32 @@ struct Working {
 }
 
 impl Patterns {
-    /// Those of a device, if there is one. Nothing is built before a pattern is wanted.
-    pub fn of(device: Option<Device>) -> Self {
-        Patterns { idle: device, working: None, notes: Vec::new() }
+    /// Those of a device, if there is one; with their neighbours where it sees a presenting device's memory. Nothing is
+    /// built before a pattern is wanted.
+    pub fn of(device: Option<Device>, neighbours: Option<(Context, Lists)>) -> Self {
+        Patterns { device, neighbours, working: None, notes: Vec::new() }
     }
 
-    /// A pattern, with its samples sorted for searches. `None` while kernels are built, and where the device has failed:
+    /// Other neighbours are wanted from now on.
+    pub fn look_for(&mut self, lists: Lists) {
+        if let Some((_, old)) = self.neighbours.as_mut().filter(|(_, old)| *old != lists) {
+            *old = lists;
+            self.working = None;
+        }
+    }
+
+    /// A pattern, with its samples sorted for searches or these done. `None` while kernels are built, and where the device has failed:
     /// then the host makes it.
     pub fn choose(&mut self, wanted: &PatternRequest) -> Option<Made> {
-        if let Some(device) = self.idle.take() {
-            self.working = Working::begin(device, wanted.clone());
+        if self.working.is_none() {
+            let device = self.device.clone()?;
+            self.working = Working::begin(device, self.neighbours.clone(), wanted.clone());
         }
         match self.working.as_mut()?.choose(wanted) {
             Ok(made) => made,
             Err(why) => {
                 self.notes.push(format!("patterns are made by the host from now on, since {why}"));
-                self.working = None;
+                (self.working, self.device) = (None, None);
                 None
             }
         }
@@ -69,11 +83,11 @@ impl Patterns {
 impl Working {
     /// Has kernels built, and used once for a pattern like the first one wanted, since drivers end building at launches.
     /// None where there is no thread for it.
-    fn begin(device: Device, first: PatternRequest) -> Option<Self> {
+    fn begin(device: Device, neighbours: Option<(Context, Lists)>, first: PatternRequest) -> Option<Self> {
         let ((wanted, received), (answer, made)) = (channel::<PatternRequest>(), channel());
         let name = device.info().name.clone();
         let work = move || {
-            let mut maker = match proven(&device, &first) {
+            let mut maker = match proven(&device, neighbours, &first) {
                 Ok(maker) => maker,
                 Err(why) => return drop(answer.send(Err(why))),
             };
@@ -135,13 +149,29 @@ impl Drop for Working {
 }
 
 /// A maker that has made a small pattern as the host does, and one like the first that is wanted.
-fn proven(device: &Device, first: &PatternRequest) -> Result<PatternMaker, String> {
+fn proven(
+    device: &Device,
+    neighbours: Option<(Context, Lists)>,
+    first: &PatternRequest,
+) -> Result<PatternMaker, String> {
     let text = |error: crate::Error| error.to_string();
-    let mut maker = PatternMaker::new(device).map_err(text)?;
-    let (pattern, _) = maker.choose(&small()).map_err(text)?;
+    let mut maker = match neighbours {
+        Some((context, lists)) => PatternMaker::with_neighbours(device, &context, lists),
+        None => PatternMaker::new(device),
+    }
+    .map_err(text)?;
+    let (pattern, searched) = maker.choose(&small()).map_err(text)?;
     if !is_like(&pattern, &small().on_host()) {
         return Err(format!(
             "{} chooses other samples than it should; update its driver",
+            device.info().name
+        ));
+    }
+    if let Searched::Neighbours(found) = searched
+        && !found.are_nearest([small().view.width, small().view.height], &pattern.samples)
+    {
+        return Err(format!(
+            "{} finds other neighbours than it should; update its driver",
             device.info().name
         ));
     }
@@ -181,7 +211,7 @@ mod tests {
     #[test]
     fn patterns_come_from_the_device_once_it_is_ready() {
         let Some(device) = testing::processor() else { return };
-        let mut patterns = Patterns::of(Some(device.clone()));
+        let mut patterns = Patterns::of(Some(device.clone()), None);
         let mut made = None;
         for _ in 0..6000 {
             made = patterns.choose(&small());
@@ -194,7 +224,7 @@ mod tests {
         assert!(pattern == small().on_host());
         assert!(patterns.choose(&small()).is_some() && patterns.take_notes().is_empty());
         // Ended while it builds: waits for that and hangs no longer.
-        drop(Working::begin(device, small()));
+        drop(Working::begin(device, None, small()));
     }
 
     /// Asks somebody whose thread does this with each pattern wanted.
@@ -203,7 +233,8 @@ mod tests {
         let thread = std::thread::spawn(move || received.iter().for_each(|_| work(&answer)));
         let (name, wanted, thread) = ("it".to_string(), Some(wanted), Some(thread));
         let working = Working { name, wanted, made, thread, ready: true };
-        let mut patterns = Patterns { idle: None, working: Some(working), notes: Vec::new() };
+        let mut patterns =
+            Patterns { device: None, neighbours: None, working: Some(working), notes: Vec::new() };
         let made = patterns.choose(&small()).is_some();
         assert!(patterns.choose(&small()).is_none(), "it is not asked again");
         (made, patterns.take_notes())
@@ -211,7 +242,7 @@ mod tests {
 
     #[test]
     fn a_device_that_fails_or_hangs_is_not_asked_again() {
-        assert!(Patterns::of(None).choose(&small()).is_none());
+        assert!(Patterns::of(None, None).choose(&small()).is_none());
         let (made, notes) = asked(|answer| answer.send(Err("it is lost".to_string())).unwrap());
         assert!(!made && notes.len() == 1 && notes[0].ends_with("it is lost"), "{notes:?}");
         let (made, notes) = asked(|_| std::thread::sleep(Duration::from_secs(3600)));
