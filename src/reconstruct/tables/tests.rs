@@ -201,8 +201,8 @@ fn memory_that_is_lent_is_left_alone_while_frames_look_it_up() {
         if let Some((indices, at, count)) = last {
             assert_eq!(indices, testing::fetch::<u32>(&context, &at, count), "step {step}: the frame before");
         }
-        // Others' searches meanwhile.
-        made(0.9 - 0.1 * step as f64);
+        // Others' searches meanwhile, in all memory that is free.
+        let _others = [0.9, 0.8, 0.7].map(|gaze| made(gaze - 0.1 * step as f64));
         check_pixels(&context, &tables, settings.weights, &samples);
         check_samples(&context, &tables, &samples);
         let (at, count) = (tables.bands()[0].indices.clone(), 64 * 48 * tables.k as usize);
