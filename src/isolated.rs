@@ -12,7 +12,8 @@
 //! process ends without an answer, each variant gets one to itself; one that fails, crashes or is silent for
 //! five minutes is out, with what was being done and the driver's last words as the reason, and the other is
 //! taken. The kernels of a scene's frames are tried the same way once for each driver, text and set of
-//! features. Verdicts are kept beside the measurements, failures for a day. `foveate devices` asks everything
+//! features, and those of patterns before a gaze that moves first wants one (`src/bench/patterns.rs`); where these fail
+//! the host makes patterns. Verdicts are kept beside the measurements, failures for a day. `foveate devices` asks everything
 //! in another process, part by part, and leaves out what ended it. Memory that a driver sets aside for
 //! work-items' stacks counts when a scene is held against a graphics card's memory
 //! (`SceneData::check_fit_beside`). `scripts/opencl-drivers.sh` unpacks both of these drivers, without

@@ -5,6 +5,7 @@ mod choice;
 pub mod cpu_time;
 pub mod export;
 pub mod hardware;
+pub mod patterns;
 pub mod rate;
 pub mod simt;
 pub mod trial;

@@ -13,6 +13,7 @@ use crate::gpu::opencl::{Device, device};
 use crate::gpu::vulkan::{Context, ContextOptions};
 use crate::isolated::{self, Failure, stage};
 use crate::scene::Features;
+use crate::trace::pattern_maker::{Lists, PatternMaker};
 use crate::trace::{Traversal, Traversals, try_kernels};
 
 /// What another process is to try.
@@ -46,6 +47,11 @@ pub enum What {
         vulkan: (String, [u8; 16]),
         /// The kernels' variants.
         traversals: Traversals,
+    },
+    /// Patterns, and their neighbours where a Vulkan device, as above, wants these.
+    Patterns {
+        /// Which device, and which neighbours.
+        neighbours: Option<((String, [u8; 16]), Lists)>,
     },
 }
 
@@ -127,6 +133,25 @@ pub fn ray_queries(
     serde_json::from_str(&answer).unwrap_or_else(|e| Err(e.to_string()))
 }
 
+/// Whether a device makes patterns, as `program` finds it in a process of its own.
+///
+/// # Errors
+/// Why it does not.
+pub fn patterns(
+    program: &Path,
+    device: &Device,
+    neighbours: Option<&(Context, Lists)>,
+    patience: Duration,
+) -> Result<(), String> {
+    let named = |(context, lists): &(Context, Lists)| {
+        let report = context.report();
+        ((report.name.clone(), report.uuid), *lists)
+    };
+    let what = What::Patterns { neighbours: neighbours.map(named) };
+    let answer = isolated::run(program, &what.on(device), patience).map_err(|f: Failure| f.to_string())?;
+    serde_json::from_str(&answer).unwrap_or_else(|e| Err(e.to_string()))
+}
+
 /// The other process' side: does the task and tells what it found.
 ///
 /// # Errors
@@ -154,16 +179,29 @@ pub fn work(task: &str) -> Result<()> {
             serde_json::to_string(&found)
         }
         What::RayQueries { vulkan: (name, uuid), traversals } => {
-            stage("asking Vulkan");
-            let (device, uuid) = (Some(name), Some(uuid));
-            let options = ContextOptions { device, uuid, ray_queries: true, ..Default::default() };
-            let measured = |device| measure(&device, &Context::new(&options)?, traversals);
+            let measured = |device| measure(&device, &vulkan_device(name, uuid, true)?, traversals);
             let found: Result<FrameTimes, String> = opened.and_then(|device| measured(device).map_err(text));
             serde_json::to_string(&found)
+        }
+        What::Patterns { neighbours } => {
+            let made = |device| -> Result<(), String> {
+                let of = |((name, uuid), lists)| Ok((vulkan_device(name, uuid, false)?, lists));
+                let neighbours = neighbours.map(of).transpose().map_err(text)?;
+                stage("building the kernels of patterns");
+                PatternMaker::proven(&device, neighbours.as_ref()).map(drop)
+            };
+            serde_json::to_string(&opened.and_then(made))
         }
     };
     isolated::answer(&answer.expect("numbers and names"));
     Ok(())
+}
+
+/// Opens a Vulkan device again.
+fn vulkan_device(name: String, uuid: [u8; 16], ray_queries: bool) -> Result<Context> {
+    stage("asking Vulkan");
+    let (device, uuid) = (Some(name), Some(uuid));
+    Context::new(&ContextOptions { device, uuid, ray_queries, ..Default::default() })
 }
 
 #[cfg(test)]

@@ -27,7 +27,7 @@ use crate::math::blue_noise;
 use crate::math::view::View;
 use neighbours::{Finder, Listed};
 pub use neighbours::{Lists, Neighbours, Searched};
-pub use thread::Patterns;
+pub use thread::{Patterns, Trial};
 
 /// Work-items that scan or select together, and of a group elsewhere: SCAN_GROUP of kernels/pattern.cl.
 const SCAN_GROUP: usize = 64;
@@ -150,7 +150,7 @@ impl PatternMaker {
     /// # Errors
     /// As [`PatternMaker::new`].
     pub fn with_neighbours(device: &Device, context: &Context, lists: Lists) -> Result<Self> {
-        let finds = Finder::serves(device, context);
+        let finds = Neighbours::are_found_by(device, context);
         let finder = finds.then(|| Finder::new(device, context, lists)).transpose()?;
         Ok(PatternMaker { finder, ..Self::new(device)? })
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Output, Renderer};
-use crate::bench::Choice;
+use crate::bench::{self, Choice};
 use crate::config::{Config, Method, Quality, TimeConfig, WeightsConfig};
 use crate::error::Result;
 use crate::frame::RaysBy;
@@ -117,7 +117,7 @@ impl Renderer {
             context: context.clone(),
             law: quality.law,
             lenses: Vec::new(),
-            patterns: Patterns::of(device, neighbours),
+            patterns: Patterns::of(device, neighbours, bench::patterns::tried),
             samples: quality.samples,
             visibility_slope: config.foveation.visibility_slope,
             settings: trace_settings(&quality, config.trace.seed),

@@ -4,6 +4,8 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::Result;
 use crate::foveation::Cells;
 use crate::gpu::interop::Shared;
@@ -20,7 +22,7 @@ const LANES: usize = 16;
 const GROUP: usize = 8;
 
 /// What is looked for: settings of the reconstruction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lists {
     /// Neighbours of each pixel.
     pub of_pixel: u32,
@@ -40,6 +42,11 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
+    /// Whether a device finds neighbours faster than the presenting device: where both are processors.
+    pub fn are_found_by(device: &Device, context: &Context) -> bool {
+        device.info().kind == "cpu" && context.report().kind == DeviceKind::Cpu
+    }
+
     fn new(device: &Device, context: &Context, lists: Lists, pixels: usize, samples: usize) -> Result<Self> {
         // A gaze that moves needs a few more here and there.
         let room = |len: usize| len / 4 * 5;
@@ -120,11 +127,6 @@ pub(super) struct Finder {
 }
 
 impl Finder {
-    /// Whether neighbours are found faster than the presenting device finds them.
-    pub fn serves(device: &Device, context: &Context) -> bool {
-        device.info().kind == "cpu" && context.report().kind == DeviceKind::Cpu
-    }
-
     /// Builds the kernels. The device has to see the presenting device's memory.
     ///
     /// # Errors

@@ -18,6 +18,9 @@ use crate::waiting::{self, Limits};
 /// A pattern takes milliseconds; who takes so long is not asked again.
 const PATIENCE: Limits = Limits { told: Duration::from_secs(3), end: Duration::from_secs(3) };
 
+/// Whether a device is asked for patterns and neighbours in this process, or why not: see [`Patterns::of`].
+pub type Trial = fn(&Device, Option<&(Context, Lists)>) -> Result<(), String>;
+
 type Made = (Pattern, Searched);
 /// A pattern, or none where kernels are built, or why there will be no more.
 type Answer = Result<Option<Made>, String>;
@@ -28,6 +31,7 @@ pub struct Patterns {
     device: Option<Device>,
     /// The presenting device whose memory it sees, if it does, and which neighbours that wants.
     neighbours: Option<(Context, Lists)>,
+    trial: Trial,
     /// From when it is first asked.
     working: Option<Working>,
     notes: Vec<String>,
@@ -44,9 +48,9 @@ struct Working {
 
 impl Patterns {
     /// Those of a device, if there is one; with their neighbours where it sees a presenting device's memory. Nothing is
-    /// built before a pattern is wanted.
-    pub fn of(device: Option<Device>, neighbours: Option<(Context, Lists)>) -> Self {
-        Patterns { device, neighbours, working: None, notes: Vec::new() }
+    /// built before a pattern is wanted, and then only where `trial` has no reason against it.
+    pub fn of(device: Option<Device>, neighbours: Option<(Context, Lists)>, trial: Trial) -> Self {
+        Patterns { device, neighbours, trial, working: None, notes: Vec::new() }
     }
 
     /// Other neighbours are wanted from now on.
@@ -62,7 +66,7 @@ impl Patterns {
     pub fn choose(&mut self, wanted: &PatternRequest) -> Option<Made> {
         if self.working.is_none() {
             let device = self.device.clone()?;
-            self.working = Working::begin(device, self.neighbours.clone(), wanted.clone());
+            self.working = Working::begin(device, self.neighbours.clone(), self.trial, wanted.clone());
         }
         match self.working.as_mut()?.choose(wanted) {
             Ok(made) => made,
@@ -83,11 +87,23 @@ impl Patterns {
 impl Working {
     /// Has kernels built, and used once for a pattern like the first one wanted, since drivers end building at launches.
     /// None where there is no thread for it.
-    fn begin(device: Device, neighbours: Option<(Context, Lists)>, first: PatternRequest) -> Option<Self> {
+    fn begin(
+        device: Device,
+        neighbours: Option<(Context, Lists)>,
+        trial: Trial,
+        first: PatternRequest,
+    ) -> Option<Self> {
         let ((wanted, received), (answer, made)) = (channel::<PatternRequest>(), channel());
         let name = device.info().name.clone();
         let work = move || {
-            let mut maker = match proven(&device, neighbours, &first) {
+            let prove = || {
+                trial(&device, neighbours.as_ref())
+                    .map_err(|why| format!("a trial of {} failed: {why}", device.info().name))?;
+                let mut maker = PatternMaker::proven(&device, neighbours.as_ref())?;
+                maker.choose(&first).map_err(|error| error.to_string())?;
+                Ok(maker)
+            };
+            let mut maker = match prove() {
                 Ok(maker) => maker,
                 Err(why) => return drop(answer.send(Err(why))),
             };
@@ -148,35 +164,32 @@ impl Drop for Working {
     }
 }
 
-/// A maker that has made a small pattern as the host does, and one like the first that is wanted.
-fn proven(
-    device: &Device,
-    neighbours: Option<(Context, Lists)>,
-    first: &PatternRequest,
-) -> Result<PatternMaker, String> {
-    let text = |error: crate::Error| error.to_string();
-    let mut maker = match neighbours {
-        Some((context, lists)) => PatternMaker::with_neighbours(device, &context, lists),
-        None => PatternMaker::new(device),
+impl PatternMaker {
+    /// A maker that has made a small pattern as the host does, and found its neighbours where they are wanted.
+    ///
+    /// # Errors
+    /// Why it has not, as the end of a sentence.
+    pub fn proven(device: &Device, neighbours: Option<&(Context, Lists)>) -> Result<Self, String> {
+        let text = |error: crate::Error| error.to_string();
+        let mut maker = match neighbours {
+            Some((context, lists)) => PatternMaker::with_neighbours(device, context, *lists),
+            None => PatternMaker::new(device),
+        }
+        .map_err(text)?;
+        let (view, name) = (small().view, &device.info().name);
+        let (pattern, searched) = maker.choose(&small()).map_err(text)?;
+        if !is_like(&pattern, &small().on_host()) {
+            return Err(format!("{name} chooses other samples than it should; update its driver"));
+        }
+        match searched {
+            Searched::Neighbours(found)
+                if !found.are_nearest([view.width, view.height], &pattern.samples) =>
+            {
+                Err(format!("{name} finds other neighbours than it should; update its driver"))
+            }
+            _ => Ok(maker),
+        }
     }
-    .map_err(text)?;
-    let (pattern, searched) = maker.choose(&small()).map_err(text)?;
-    if !is_like(&pattern, &small().on_host()) {
-        return Err(format!(
-            "{} chooses other samples than it should; update its driver",
-            device.info().name
-        ));
-    }
-    if let Searched::Neighbours(found) = searched
-        && !found.are_nearest([small().view.width, small().view.height], &pattern.samples)
-    {
-        return Err(format!(
-            "{} finds other neighbours than it should; update its driver",
-            device.info().name
-        ));
-    }
-    maker.choose(first).map_err(text)?;
-    Ok(maker)
 }
 
 /// Whether two patterns differ by no more than divisions that are rounded otherwise make a difference: in one of fifty samples.
@@ -211,7 +224,7 @@ mod tests {
     #[test]
     fn patterns_come_from_the_device_once_it_is_ready() {
         let Some(device) = testing::processor() else { return };
-        let mut patterns = Patterns::of(Some(device.clone()), None);
+        let mut patterns = Patterns::of(Some(device.clone()), None, |_, _| Ok(()));
         let mut made = None;
         for _ in 0..6000 {
             made = patterns.choose(&small());
@@ -224,7 +237,7 @@ mod tests {
         assert!(pattern == small().on_host());
         assert!(patterns.choose(&small()).is_some() && patterns.take_notes().is_empty());
         // Ended while it builds: waits for that and hangs no longer.
-        drop(Working::begin(device, None, small()));
+        drop(Working::begin(device, None, |_, _| Ok(()), small()));
     }
 
     /// Asks somebody whose thread does this with each pattern wanted.
@@ -233,8 +246,13 @@ mod tests {
         let thread = std::thread::spawn(move || received.iter().for_each(|_| work(&answer)));
         let (name, wanted, thread) = ("it".to_string(), Some(wanted), Some(thread));
         let working = Working { name, wanted, made, thread, ready: true };
-        let mut patterns =
-            Patterns { device: None, neighbours: None, working: Some(working), notes: Vec::new() };
+        let mut patterns = Patterns {
+            device: None,
+            neighbours: None,
+            trial: |_, _| Ok(()),
+            working: Some(working),
+            notes: Vec::new(),
+        };
         let made = patterns.choose(&small()).is_some();
         assert!(patterns.choose(&small()).is_none(), "it is not asked again");
         (made, patterns.take_notes())
@@ -242,11 +260,29 @@ mod tests {
 
     #[test]
     fn a_device_that_fails_or_hangs_is_not_asked_again() {
-        assert!(Patterns::of(None, None).choose(&small()).is_none());
+        assert!(Patterns::of(None, None, |_, _| Ok(())).choose(&small()).is_none());
         let (made, notes) = asked(|answer| answer.send(Err("it is lost".to_string())).unwrap());
         assert!(!made && notes.len() == 1 && notes[0].ends_with("it is lost"), "{notes:?}");
         let (made, notes) = asked(|_| std::thread::sleep(Duration::from_secs(3600)));
         assert!(!made && notes.len() == 1 && notes[0].contains("has not answered for 3 s"), "{notes:?}");
+    }
+
+    /// A device that fails its trial is told of once, and nothing is built for it.
+    #[test]
+    fn a_device_that_fails_its_trial_makes_no_patterns() {
+        let Some(device) = testing::processor() else { return };
+        let trial: Trial = |_, _| Err("its driver crashed".to_string());
+        let mut patterns = Patterns::of(Some(device), None, trial);
+        for _ in 0..1000 {
+            assert!(patterns.choose(&small()).is_none());
+            if patterns.device.is_none() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let notes = patterns.take_notes();
+        assert!(notes.len() == 1 && notes[0].ends_with("its driver crashed"), "{notes:?}");
+        assert!(patterns.choose(&small()).is_none() && patterns.take_notes().is_empty());
     }
 
     #[test]

@@ -8,7 +8,7 @@ const KINDS: [WeightKind; 3] = [WeightKind::Shepard, WeightKind::Gaussian, Weigh
 /// A processor that presents and one that traces in its memory, if there are such.
 fn devices() -> Option<(Context, Device)> {
     let (context, device) = (testing::context()?, processor()?);
-    if Finder::serves(&device, &context) {
+    if Neighbours::are_found_by(&device, &context) {
         return Some((context, device));
     }
     println!("not run: the presenting device is no processor");
