@@ -1,7 +1,7 @@
 //! Samples' light by both variants of the kernels: one kernel for packets, and those that hand light rays on in memory, as
 //! GPUs have it.
 
-use foveate::layout::{SampleRecord, unpack_emission, unpack_normal24};
+use foveate::layout::{SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
 use foveate::math::view::View;
 use foveate::scene::{Glass, Layers, Material, Scene};
 use foveate::trace::{Settings, Traversal};
@@ -104,7 +104,7 @@ fn both_variants_shade_the_same() {
 }
 
 /// A mirror before a mirror, a thing that stands on the one, and metal that is not quite smooth.
-fn mirrors() -> Scene {
+pub fn mirrors() -> Scene {
     let [smooth, rough] = [0.02, 0.22].map(|roughness| metal(Vec3::new(0.9, 0.8, 0.6), roughness));
     let mut scene = scene_of(vec![smooth, rough, matt(0.5)]);
     floor(&mut scene, 6.0, 0.0, 0);
@@ -112,6 +112,18 @@ fn mirrors() -> Scene {
     cuboid(&mut scene, Vec3::new(0.1, 0.0, -0.5), Vec3::new(1.1, 0.9, 0.5), 1);
     cuboid(&mut scene, Vec3::new(-0.9, 0.0, 0.3), Vec3::new(-0.4, 0.5, 0.8), 2);
     scene
+}
+
+/// Of how many pixels what they mirror differs, and how many mirror anything.
+pub fn mirrored_apart(a: &[VisibilityRecord], b: &[VisibilityRecord]) -> (usize, usize) {
+    let mirrored = |record: &VisibilityRecord| DVec3::from(unpack_emission(record.reflected).map(f64::from));
+    let (mut off, mut shown) = (0, 0);
+    for (a, b) in a.iter().zip(b).filter(|(a, _)| a.reflected > 0) {
+        let (a, b) = (mirrored(a), mirrored(b));
+        off += usize::from((a - b).abs().max_element() > 0.02 * a.max_element() + 1e-3);
+        shown += 1;
+    }
+    (off, shown)
 }
 
 /// What pixels mirror: of the sky alone, of what stands there, and in more tiles than have their rays under way together.
@@ -132,13 +144,7 @@ fn both_variants_mirror_the_same() {
                 let picture = bench.trace(&view, &settings, &all_pixels(&view));
                 (picture.visibility, picture.rays)
             });
-            let mirrored = |packed: u32| DVec3::from(unpack_emission(packed).map(f64::from));
-            let (mut off, mut shown) = (0, 0);
-            for (a, b) in packet.iter().zip(&single).filter(|(a, _)| a.reflected > 0) {
-                let (a, b) = (mirrored(a.reflected), mirrored(b.reflected));
-                off += usize::from((a - b).abs().max_element() > 0.02 * a.max_element() + 1e-3);
-                shown += 1;
-            }
+            let (off, shown) = mirrored_apart(&packet, &single);
             println!("{name}: {off} of {shown} pixels mirror something else, {rays} and {own} rays");
             assert!(shown * 3 > view.pixels() && off * 100 <= shown, "{name}: {off} of {shown}");
             assert!(rays.abs_diff(own) * 500 <= rays, "{name}: {rays} and {own} rays");
