@@ -105,10 +105,13 @@ static float3 brought_by(const __global MirrorRay *ray) { return gload3(ray->sum
 // how many rays go on from there, to the sun and to where it mirrors.
 INLINED static uint look_at_mirrored(const Scene *scene, const Shading *shading, bool may_mirror, uint seed, __global MirrorRay *ray)
 {
-    float3 d = gload3(ray->direction), throughput = gload3(ray->throughput);
-    float length = ray->length + ray->t;
     gstore3(brought_by(ray), ray->sum);
-    Surface s = surface_at(scene, ray->place, gload3(ray->origin), 0.0f, d, mirrored_width(ray->roughness, ray->rays) * length);
+    ray->length += ray->t;
+    Surface s = surface_at(scene, ray->place, gload3(ray->origin), 0.0f, gload3(ray->direction),
+                           mirrored_width(ray->roughness, ray->rays) * ray->length);
+    // What was read before is read again: so less is kept meanwhile.
+    mem_fence(CLK_GLOBAL_MEM_FENCE);
+    float3 d = gload3(ray->direction), throughput = gload3(ray->throughput);
     gstore3(gload3(ray->sum) + throughput * s.emission, ray->sum);
     ray->became = MIRROR_SEEN;
     if (s.unlit) {
@@ -116,9 +119,7 @@ INLINED static uint look_at_mirrored(const Scene *scene, const Shading *shading,
         gstore3(0.0f, ray->above);
         return 0u;
     }
-    // What is known is stored before more is asked for: so less is kept at a time.
     ray->seed = seed;
-    ray->length = length;
     ray->shines = sun_in_mirror(shading, &s);
     gstore3(leave_surface(&s), ray->origin);
     gstore3(throughput * diffuse_color(&s), ray->diffuse);

@@ -5,50 +5,20 @@ use std::sync::Arc;
 use foveate::bvh::instances::over_instances;
 use foveate::bvh::{Trees, WideBvh};
 use foveate::math::view::View;
+use foveate::scene::Features;
 use foveate::scene::instanced::{Instance, Instanced, InstancedShape};
-use foveate::scene::{AlphaMode, Features, Glass, Material, Scene};
 use foveate::trace::{Settings, Traversal};
-use glam::{DMat4, DQuat, DVec3, Vec3, Vec4};
+use glam::{DMat4, DQuat, DVec3, Vec3};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, Picture, all_pixels};
 use crate::guided::{eye, light};
 use crate::hardware::{both, on_shared_memory};
-use crate::scenes::{cuboid, floor, matt, metal, quad, scene_of};
-use crate::variants::{mirrored_apart, mirrors};
+use crate::scenes::{cuboid, floor, matt, metal, scene_of};
+use crate::variants::{mirrored_apart, mirrors, mirrors_behind_panes};
 
 /// One ray for each sample: what counts here are pixels.
 const SKY_ALONE: Settings = Settings { guided: true, rays: 1, ..PLAIN };
 const SURFACES: Settings = Settings { bounces: 1, ..SKY_ALONE };
-
-/// The mirrors behind a pane that covers them in part, and beside glass, which the low sun shines through.
-fn mirrors_behind_panes() -> Scene {
-    let mut scene = mirrors();
-    let first = scene.materials.len() as u32;
-    let glass = Glass {
-        transmission: 0.9,
-        texture: None,
-        ior: 1.5,
-        solid: true,
-        attenuation: Vec3::new(0.2, 1.0, 2.0),
-    };
-    let covering = Material {
-        base_color: Vec4::new(0.8, 0.3, 0.2, 0.4),
-        alpha: AlphaMode::Blend,
-        double_sided: true,
-        ..matt(1.0)
-    };
-    scene
-        .materials
-        .extend([covering, Material { glass: Some(glass), double_sided: true, roughness: 0.2, ..matt(0.8) }]);
-    let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
-    quad(
-        &mut scene,
-        [at(-2.5, 0.0, -1.6), at(2.5, 0.0, -1.6), at(2.5, 1.5, -1.6), at(-2.5, 1.5, -1.6)],
-        first,
-    );
-    cuboid(&mut scene, at(0.3, 0.0, 0.9), at(0.8, 0.5, 1.3), first + 1);
-    scene
-}
 
 /// How much differs of what pixels mirror, which is held to a share of them, and of the rays that were sent.
 fn compare([kernels, queries]: &[Picture; 2], name: &str, most: f64) {

@@ -3,31 +3,29 @@
 
 use foveate::layout::{SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
 use foveate::math::view::View;
-use foveate::scene::{Glass, Layers, Material, Scene};
+use foveate::scene::{AlphaMode, Glass, Layers, Material, Scene};
 use foveate::trace::{Settings, Traversal};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device};
 use crate::cases::lights;
 use crate::guided::{eye, light, still_life};
 use crate::scenes::{cuboid, floor, matt, metal, quad, scene_of};
 
+fn glass() -> Glass {
+    let attenuation = Vec3::new(0.2, 1.0, 2.0);
+    Glass { transmission: 0.9, texture: None, ior: 1.5, solid: true, attenuation }
+}
+
 /// The still life with all that light rays look for: a lamp that is a surface, punctual ones, glass, a coat, and a wall that is
 /// passed from behind.
 pub fn everything() -> Scene {
     let mut scene = still_life();
     let first = scene.materials.len() as u32;
-    let glass = Glass {
-        transmission: 0.9,
-        texture: None,
-        ior: 1.5,
-        solid: true,
-        attenuation: Vec3::new(0.2, 1.0, 2.0),
-    };
     let coat = Layers { coat: 1.0, coat_roughness: 0.3, ..Layers::default() };
     scene.materials.extend([
         Material { emissive: Vec3::new(6.0, 4.0, 2.0), ..matt(0.2) },
-        Material { glass: Some(glass), double_sided: true, roughness: 0.2, ..matt(0.8) },
+        Material { glass: Some(glass()), double_sided: true, roughness: 0.2, ..matt(0.8) },
         Material { layers: Some(Box::new(coat)), roughness: 0.6, ..matt(0.4) },
         matt(0.5),
     ]);
@@ -111,6 +109,30 @@ pub fn mirrors() -> Scene {
     cuboid(&mut scene, Vec3::new(-1.4, 0.0, -1.0), Vec3::new(-0.2, 1.3, -0.4), 0);
     cuboid(&mut scene, Vec3::new(0.1, 0.0, -0.5), Vec3::new(1.1, 0.9, 0.5), 1);
     cuboid(&mut scene, Vec3::new(-0.9, 0.0, 0.3), Vec3::new(-0.4, 0.5, 0.8), 2);
+    scene
+}
+
+/// The mirrors behind a pane that covers them in part, and beside glass, which the low sun shines through.
+pub fn mirrors_behind_panes() -> Scene {
+    let mut scene = mirrors();
+    let first = scene.materials.len() as u32;
+    let covering = Material {
+        base_color: Vec4::new(0.8, 0.3, 0.2, 0.4),
+        alpha: AlphaMode::Blend,
+        double_sided: true,
+        ..matt(1.0)
+    };
+    scene.materials.extend([
+        covering,
+        Material { glass: Some(glass()), double_sided: true, roughness: 0.2, ..matt(0.8) },
+    ]);
+    let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    quad(
+        &mut scene,
+        [at(-2.5, 0.0, -1.6), at(2.5, 0.0, -1.6), at(2.5, 1.5, -1.6), at(-2.5, 1.5, -1.6)],
+        first,
+    );
+    cuboid(&mut scene, at(0.3, 0.0, 0.9), at(0.8, 0.5, 1.3), first + 1);
     scene
 }
 

@@ -1,4 +1,4 @@
-//! What pixels mirror, on GPUs: kernels that hand rays on in memory (`kernels/gpu/mirrors.cl`).
+//! What pixels mirror, on GPUs: kernels that hand rays on in memory (`kernels/gpu/mirrors.cl`), where ray queries may trace them.
 
 use super::Step;
 use super::hardware::{Hardware, MirrorRaysAsked, Tiles, batches};
