@@ -84,7 +84,7 @@ const ALLOWED: [Limit; 29] = [
 
 /// The same of kernels that are built for rays in hardware, where that is other or more: rays leave surfaces otherwise, and
 /// kernels stand on both sides of ray queries.
-const IN_HARDWARE: [Limit; 16] = [
+const IN_HARDWARE: [Limit; 18] = [
     limit("generate_pixel_sun_rays", [64, 0], [69, 0]),
     limit("generate_sun_rays", [40, 576], [28, 0]),
     limit("begin_samples", [154, 0], [141, 0]),
@@ -92,7 +92,9 @@ const IN_HARDWARE: [Limit; 16] = [
     limit("generate_blocker_rays", [122, 128], [138, 144]),
     limit("settle_blends", [126, 128], [144, 144]),
     limit("generate_mirror_rays", [128, 0], [110, 0]),
-    limit("shade_mirror_hits", [140, 0], [127, 0]),
+    limit("shade_mirror_hits", [130, 0], [127, 0]),
+    limit("trace_mirror_sun", [96, 128], [108, 144]),
+    limit("copy_mirror_rays", [38, 0], [15, 0]),
     limit("shade_light_paths", [255, 208], [256, 224]),
     limit("follow_glass_rays", [168, 128], [148, 144]),
     limit("shade_punctual", [124, 128], [142, 144]),
