@@ -43,7 +43,7 @@ const RAY_FOR_SURFACES: u32 = 2u;
 const RAY_FOR_EMITTER: u32 = 3u;
 const RAY_LOST: u32 = 4u;
 const RAY_TO_SHADE: u32 = 5u;
-const RAY_FROM_EYE: u32 = 32u;
+const RAY_FOR_FRONT: u32 = 32u;
 const RAY_FOR_BLOCKER: u32 = 64u;
 const NONE: u32 = 0xffffffffu;
 
@@ -148,7 +148,7 @@ fn intersect_rays(@builtin(global_invocation_id) id: vec3<u32>) {
         case RAY_FOR_EMITTER: {
             became = look_for_any(at, sought, t_max, CULL_BACK_FACING);
         }
-        case RAY_FROM_EYE: {
+        case RAY_FOR_FRONT: {
             became = look_for_nearest(at, sought, t_max, CULL_BACK_FACING);
         }
         case RAY_FOR_BLOCKER: {

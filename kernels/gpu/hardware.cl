@@ -3,7 +3,7 @@
 #if SINGLE_RAYS && HARDWARE_RAYS
 
 // What rays look for beside what light rays do: the nearest surface seen from its front, and the nearest from any side.
-#define RAY_FROM_EYE 32u
+#define RAY_FOR_FRONT 32u
 #define RAY_FOR_BLOCKER 64u
 // Where rays start that are no sample's.
 #define PLANE_OWN_ORIGIN 5u
@@ -54,7 +54,7 @@ __kernel void generate_pixel_rays(Camera camera, __global const uint *tiles, uin
     if (at == 0u)
         set_eye(rays, groups, &camera);
     if (pixels_of_item(&camera, tiles, first, count, at, &x, &y, &right, &bottom))
-        put_ray(rays, groups, at, RAY_FROM_EYE, camera_ray(&camera, x, y));
+        put_ray(rays, groups, at, RAY_FOR_FRONT, camera_ray(&camera, x, y));
     else
         set_unused(rays, groups, at);
 }
@@ -78,7 +78,7 @@ __kernel void generate_sample_rays(Camera camera, __global const uint *samples, 
     if (at == 0u)
         set_eye(rays, groups, &camera);
     if (at < count)
-        put_ray(rays, groups, at, RAY_FROM_EYE, camera_ray(&camera, samples[first + at] & 0xffffu, samples[first + at] >> 16));
+        put_ray(rays, groups, at, RAY_FOR_FRONT, camera_ray(&camera, samples[first + at] & 0xffffu, samples[first + at] >> 16));
     else
         set_unused(rays, groups, at);
 }
@@ -223,6 +223,50 @@ __kernel void resolve_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, _
         away = hit.triangle == NONE ? 0u : blocker_code(hit.t);
     }
     state_at(states, k)->sample.normal |= (away << 1 | centre) << 24;
+#endif
+}
+
+// Mirror rays first .. first + onward (mirrors.cl) that are to be traced; behind them, of first .. first + to_sun those from
+// what they have met to the sun.
+__kernel void copy_mirror_rays(Shading shading, uint first, uint onward, uint to_sun, uint groups, __global uint *states, __global uint *rays)
+{
+#if HAS_GLOSSY
+    uint at = (uint)get_global_id(0);
+    if (at >= 32u * groups)
+        return;
+    set_unused(rays, groups, at);
+    if (at >= onward + to_sun)
+        return;
+    bool goes_on = at < onward;
+    const __global MirrorRay *ray = mirror_ray_at(states, first + (goes_on ? at : at - onward));
+    if (goes_on ? !is_to_be_traced(ray) : !(ray->shines > 0.0f))
+        return;
+    uint sought = goes_on && shows_surfaces(&shading) ? RAY_FOR_FRONT : RAY_FOR_SKY;
+    put_ray(rays, groups, at, sought, goes_on ? gload3(ray->direction) : load3(shading.sun_direction));
+    set_vector(rays, groups, PLANE_OWN_ORIGIN, at, gload3(ray->origin));
+#endif
+}
+
+// Takes what they have hit; those that are open stay as they are.
+__kernel void resolve_mirror_hits(Shading shading, uint first, uint onward, uint to_sun, uint groups, __global uint *states, __global uint *rays)
+{
+#if HAS_GLOSSY
+    uint at = (uint)get_global_id(0);
+    if (at >= onward + to_sun)
+        return;
+    uint found = *word_of(rays, groups, PLANE_SOUGHT, at);
+    if (found == RAY_UNUSED || found & IS_OPEN)
+        return;
+    bool goes_on = at < onward;
+    __global MirrorRay *ray = mirror_ray_at(states, first + (goes_on ? at : at - onward));
+    if (!goes_on) {
+        take_mirror_sun(&shading, ray, found == RAY_FOR_SKY ? 1.0f : 0.0f);
+    } else if (found == RAY_FOR_FRONT) {
+        HitRecord hit = hit_found(rays, groups, at);
+        take_mirror_hit(ray, hit.triangle != NONE, hit.triangle, hit.t);
+    } else {
+        take_mirror_hit(ray, found == RAY_LOST, NONE, INFINITY);
+    }
 #endif
 }
 

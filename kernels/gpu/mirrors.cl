@@ -4,8 +4,12 @@
 //   generate_mirror_rays   what pixels expect to mirror; of those that look, the rays
 //   intersect_mirror_rays  what these meet
 //   then twice, since a mirror shows what is seen in another one
-//   shade_mirror_hits      what is seen of that, and what is met from there where it mirrors
+//     shade_mirror_hits      what is seen of that, and rays on from where it mirrors
+//     trace_mirror_sun       how much of the sun's light comes to it
+//     intersect_mirror_rays  what the rays on meet, the first time
 //   resolve_mirrors        what comes of it at each pixel
+//
+// Where ray queries trace rays, kernels of hardware.cl take what they find, and those that trace here get what they leave open.
 #if SINGLE_RAYS
 
 // A ray of a pixel's. Those of one pixel follow each other.
@@ -19,22 +23,28 @@ typedef struct {
     // What the pixel mirrors where its ray meets nothing; later, what lights the surface that is met.
     float light[3];
     float origin[3], direction[3];
-    // What it has met, how far away that is, and how long the whole way is; how much the sun would light that.
+    // Of what is left to chance on its way.
+    uint seed;
+    // What it has met, how far away that is, and how long the way to where it starts is; how much the sun would light that
+    // place, until it is known whether it does.
     uint place;
     float t, length, shines;
-    // What it brings so far, and what counts of the rest: all of it, what the surface scatters, what it mirrors of the sky.
+    // What it brings so far but for what the last surface scatters of its light, and what counts of the rest: all of it, what
+    // the surface scatters, what it mirrors of the sky.
     float sum[3], throughput[3], diffuse[3], above[3];
     uint became;
 } MirrorRay;
 
 // The host sets aside MIRROR_RAY_WORDS for each.
-typedef char MirrorRayFits[sizeof(MirrorRay) == 33 * sizeof(uint) ? 1 : -1];
+typedef char MirrorRayFits[sizeof(MirrorRay) == 34 * sizeof(uint) ? 1 : -1];
 
-// What has become of it.
+// What has become of it: it has met nothing, or something, of which nothing is seen yet; all is seen; it is to be traced, from
+// the pixel or from a mirror that it has met.
 #define MIRROR_MISSED 0u
 #define MIRROR_MET 1u
 #define MIRROR_SEEN 2u
-#define MIRROR_LOOKS_ON 3u
+#define MIRROR_LAID 3u
+#define MIRROR_LOOKS_ON 4u
 
 #if HAS_GLOSSY
 static __global MirrorRay *mirror_ray_at(__global uint *states, uint i) { return (__global MirrorRay *)states + i; }
@@ -48,7 +58,7 @@ static void gstore3(float3 v, __global float *at)
 
 // Lays a pixel's rays out, from `origin` on a surface with shading normal n and geometric normal g, seen along d.
 static void lay_mirror_rays(__global uint *states, uint first, uint pixel, uint rays, float3 origin, float3 n, float3 g, float3 d,
-                            float roughness, float3 share, float3 light)
+                            float roughness, float3 share, float3 light, uint seed)
 {
     float3 r = mirrored_away(mirrored(n, -d, roughness), g);
     for (uint i = 0; i < rays; ++i) {
@@ -61,38 +71,71 @@ static void lay_mirror_rays(__global uint *states, uint first, uint pixel, uint 
         gstore3(light, ray->light);
         gstore3(origin, ray->origin);
         gstore3(rays > 1u ? lobe_direction(n, g, -d, roughness, i, rays) : r, ray->direction);
+        ray->seed = seed + i;
         ray->length = 0.0f;
+        ray->shines = 0.0f;
         gstore3(0.0f, ray->sum);
         gstore3(1.0f, ray->throughput);
+        gstore3(0.0f, ray->diffuse);
+        ray->became = MIRROR_LAID;
     }
 }
 
-// Adds what is seen of the surface that a ray has met but for what it is lit by, and keeps what that is needed for. False
-// where nothing lights it.
-INLINED static bool look_at_mirrored(const Scene *scene, const Shading *shading, bool may_mirror, __global MirrorRay *ray)
+static bool is_to_be_traced(const __global MirrorRay *ray) { return ray->became == MIRROR_LAID || ray->became == MIRROR_LOOKS_ON; }
+
+// Takes whether a ray has met something, and what.
+static void take_mirror_hit(__global MirrorRay *ray, bool met, uint place, float t)
 {
+    ray->place = place;
+    ray->t = t;
+    ray->became = met ? MIRROR_MET : ray->became == MIRROR_LAID ? MIRROR_MISSED : MIRROR_SEEN;
+}
+
+// Takes how much of the sun's light comes to where it starts.
+static void take_mirror_sun(const Shading *shading, __global MirrorRay *ray, float coming)
+{
+    gstore3(gload3(ray->light) + load3(shading->sun_radiance) * (ray->shines * coming), ray->light);
+    ray->shines = 0.0f;
+}
+
+// What it brings with what the last surface scatters.
+static float3 brought_by(const __global MirrorRay *ray) { return gload3(ray->sum) + gload3(ray->diffuse) * gload3(ray->light); }
+
+// Adds what is seen of the surface that a ray has met but for what it scatters and mirrors, and keeps what these are made of:
+// how many rays go on from there, to the sun and to where it mirrors.
+INLINED static uint look_at_mirrored(const Scene *scene, const Shading *shading, bool may_mirror, uint seed, __global MirrorRay *ray)
+{
+    gstore3(brought_by(ray), ray->sum);
+    ray->length += ray->t;
+    Surface s = surface_at(scene, ray->place, gload3(ray->origin), 0.0f, gload3(ray->direction),
+                           mirrored_width(ray->roughness, ray->rays) * ray->length);
+    // What was read before is read again: so less is kept meanwhile.
+    mem_fence(CLK_GLOBAL_MEM_FENCE);
     float3 d = gload3(ray->direction), throughput = gload3(ray->throughput);
-    float length = ray->length + ray->t;
-    Surface s = surface_at(scene, ray->place, gload3(ray->origin), 0.0f, d, mirrored_width(ray->roughness, ray->rays) * length);
     gstore3(gload3(ray->sum) + throughput * s.emission, ray->sum);
     ray->became = MIRROR_SEEN;
-    if (s.unlit)
-        return false;
+    if (s.unlit) {
+        gstore3(0.0f, ray->diffuse);
+        gstore3(0.0f, ray->above);
+        return 0u;
+    }
+    ray->seed = seed;
+    ray->shines = sun_in_mirror(shading, &s);
+    gstore3(leave_surface(&s), ray->origin);
+    gstore3(throughput * diffuse_color(&s), ray->diffuse);
+    gstore3(glossy_radiance(scene, shading, s.normal, 1.0f) * s.occlusion, ray->light);
     float3 f0 = specular_color(&s), r = mirrored(s.normal, -d, s.roughness);
+    uint rays = ray->shines > 0.0f ? 1u : 0u;
     if (may_mirror && mirror_rays(s.normal, -d, s.roughness, f0) == 1u) {
         r = mirrored_away(r, s.horizon);
         ray->became = MIRROR_LOOKS_ON;
+        ++rays;
     }
     float2 white = white_reflection(s.roughness, max(dot3(s.normal, -d), 1.0e-4f));
-    ray->length = length;
-    ray->shines = sun_in_mirror(shading, &s);
-    gstore3(throughput * diffuse_color(&s), ray->diffuse);
-    gstore3(glossy_radiance(scene, shading, s.normal, 1.0f) * s.occlusion, ray->light);
     gstore3(throughput * specular_scale(f0) * expected_reflection(scene, shading, s.normal, s.horizon, -d, r, s.roughness, f0), ray->above);
     gstore3(f0 * white.x + white.y, ray->throughput);
-    gstore3(leave_surface(&s), ray->origin);
     gstore3(r, ray->direction);
-    return true;
+    return rays;
 }
 #endif
 
@@ -121,68 +164,54 @@ __kernel void generate_mirror_rays(SCENE_PARAMETERS, Camera camera, Shading shad
     }
     uint laid = atomic_add(&queue[batch], rays);
     lay_mirror_rays(states, laid, pixel, rays, leave_surface(&s), s.normal, s.horizon, d, s.roughness,
-                    mirrored_share(s.normal, d, s.roughness, f0), light);
+                    mirrored_share(s.normal, d, s.roughness, f0), light, camera.seed);
     atomic_add(&counters[0], rays);
 #endif
 }
 
-// Traces them.
-__kernel void intersect_mirror_rays(SCENE_PARAMETERS, Camera camera, Shading shading, __global uint *states,
-                                    __global const uint *queue, uint batch)
+// Traces those that are to be traced.
+__kernel void intersect_mirror_rays(SCENE_PARAMETERS, Shading shading, __global uint *states, __global const uint *queue, uint batch)
 {
 #if HAS_GLOSSY
     Scene scene = SCENE_ARGUMENTS;
     uint i = (uint)get_global_id(0);
-    if (i >= queue[batch])
+    if (i >= queue[batch] || !is_to_be_traced(mirror_ray_at(states, i)))
         return;
     __global MirrorRay *ray = mirror_ray_at(states, i);
     float t = INFINITY;
     uint place, kind = shows_surfaces(&shading) ? CLOSEST_FRONT : ANY;
-    bool met = trace_ray(&scene, gload3(ray->origin), 0.0f, gload3(ray->direction), &t, &place, kind, camera.seed + ray->number);
-    ray->place = place;
-    ray->t = t;
-    ray->became = met ? MIRROR_MET : MIRROR_MISSED;
+    bool met = trace_ray(&scene, gload3(ray->origin), 0.0f, gload3(ray->direction), &t, &place, kind, ray->seed);
+    take_mirror_hit(ray, met, place, t);
 #endif
 }
 
-// Adds what is seen of the surfaces that they have met; where these mirror and `may_mirror`, rays go on to what is met from there.
-// Nothing is left to do for the others. counters[0] sums further rays.
+// Adds what is seen of the surfaces that they have met; where these mirror and `may_mirror`, rays go on from there. Nothing is left
+// to do for the others but to ask for the sun. counters[0] sums further rays.
 __kernel void shade_mirror_hits(SCENE_PARAMETERS, Camera camera, Shading shading, __global uint *states, __global const uint *queue,
                                 uint batch, uint may_mirror, __global uint *counters)
 {
 #if HAS_GLOSSY
     Scene scene = SCENE_ARGUMENTS;
-    uint i = (uint)get_global_id(0), rays = 0u;
+    uint i = (uint)get_global_id(0);
     if (i >= queue[batch] || mirror_ray_at(states, i)->became != MIRROR_MET)
         return;
-    __global MirrorRay *ray = mirror_ray_at(states, i);
-    if (!look_at_mirrored(&scene, &shading, may_mirror != 0u, ray))
-        return;
-    // To the sun, and on: traced in one place, as in take_step, with all else in memory.
-    for (uint sought = 0; sought < 2u; ++sought) {
-        mem_fence(CLK_GLOBAL_MEM_FENCE);
-        bool to_sun = sought == 0u, looks = to_sun ? ray->shines > 0.0f : ray->became == MIRROR_LOOKS_ON;
-        float t = INFINITY, coming = to_sun ? 0.0f : 1.0f;
-        uint place;
-        if (looks) {
-            ++rays;
-            coming = light_through(&scene, &shading, gload3(ray->origin), to_sun ? load3(shading.sun_direction) : gload3(ray->direction), &t,
-                                   &place, to_sun ? ANY : CLOSEST_FRONT, camera.seed);
-        }
-        if (to_sun) {
-            float3 light = gload3(ray->light) + load3(shading.sun_radiance) * (ray->shines * coming);
-            gstore3(gload3(ray->sum) + gload3(ray->diffuse) * light, ray->sum);
-        } else if (coming > 0.0f) {
-            gstore3(gload3(ray->sum) + gload3(ray->above), ray->sum);
-            ray->became = MIRROR_SEEN;
-        } else {
-            ray->place = place;
-            ray->t = t;
-            ray->became = MIRROR_MET;
-        }
-    }
+    uint rays = look_at_mirrored(&scene, &shading, may_mirror != 0u, camera.seed, mirror_ray_at(states, i));
     if (rays)
         atomic_add(&counters[0], rays);
+#endif
+}
+
+// How much of the sun's light comes to those surfaces.
+__kernel void trace_mirror_sun(SCENE_PARAMETERS, Shading shading, __global uint *states, __global const uint *queue, uint batch)
+{
+#if HAS_GLOSSY && HAS_SUN
+    Scene scene = SCENE_ARGUMENTS;
+    uint i = (uint)get_global_id(0);
+    if (i >= queue[batch] || !(mirror_ray_at(states, i)->shines > 0.0f))
+        return;
+    __global MirrorRay *ray = mirror_ray_at(states, i);
+    float3 sun = load3(shading.sun_direction);
+    take_mirror_sun(&shading, ray, light_along(&scene, &shading, gload3(ray->origin), sun, INFINITY, ray->seed));
 #endif
 }
 
@@ -203,7 +232,7 @@ __kernel void resolve_mirrors(SCENE_PARAMETERS, Shading shading, __global uint *
         if (ray->became == MIRROR_MISSED)
             sum += rays > 1u ? glossy_radiance(&scene, &shading, gload3(ray->direction), 0.5f * ray->roughness) * share : gload3(ray->light);
         else if (ray->became == MIRROR_SEEN)
-            sum += gload3(ray->sum) * share;
+            sum += (brought_by(ray) + gload3(ray->above)) * share;
     }
     records[mirror_ray_at(states, i)->pixel].reflected = max(pack_emission(sum / (float)rays), 1u);
 #endif

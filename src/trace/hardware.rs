@@ -4,8 +4,9 @@
 //! Kernels for GPUs hand rays on in memory anyway (`kernels/gpu/shade.cl`). Here a compute shader (`kernels/rays.wgsl`) reads
 //! them from there, traces them through an acceleration structure of the scene's triangles, and writes what became of them in
 //! place, as the kernels would have: light rays of both kinds, rays to the sun from pixels and from samples, camera rays of
-//! pixels and of samples. What lays rays out and takes what was found stays OpenCL's (`kernels/gpu/hardware.cl`), and so do
-//! rays that a kernel follows on its own: those of edges, mirrors, glass, punctual lights, paths and the cache of light.
+//! pixels and of samples, rays of mirrors and those to the sun from what mirrors show. What lays rays out and takes what was
+//! found stays OpenCL's (`kernels/gpu/hardware.cl`), and so do rays that a kernel follows on its own: those of edges, glass,
+//! punctual lights, paths and the cache of light.
 //!
 //! Acceleration structures know no textures. Triangles that let rays pass by their alpha are no hits there: rays that meet
 //! one before any other are left open, and the kernels trace them. So every scene is traced, whatever its materials, and what

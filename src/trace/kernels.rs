@@ -127,12 +127,16 @@ kernels! {
     );
     /// Traces them.
     IntersectMirrorRays = intersect_mirror_rays(
-        scene: SceneOf, camera: &Camera, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
+        scene: SceneOf, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
     );
     /// Looks at what they have met.
     ShadeMirrorHits = shade_mirror_hits(
         scene: SceneOf, camera: &Camera, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
         may_mirror: u32, counters: &Buffer<u32>,
+    );
+    /// Finds how much of the sun's light comes there.
+    TraceMirrorSun = trace_mirror_sun(
+        scene: SceneOf, shading: &Shading, states: &Buffer<u32>, queue: &Buffer<u32>, batch: u32,
     );
     /// Adds up what they bring.
     ResolveMirrors = resolve_mirrors(
@@ -257,6 +261,14 @@ kernels! {
     ResolveBlockers = resolve_blockers(
         scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
         visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>,
+    );
+    /// Lays mirror rays out for ray queries, and rays to the sun.
+    CopyMirrorRays = copy_mirror_rays(
+        shading: &Shading, first: u32, onward: u32, to_sun: u32, groups: u32, states: &Buffer<u32>, rays: &Buffer<u32>,
+    );
+    /// Takes what they have hit.
+    ResolveMirrorHits = resolve_mirror_hits(
+        shading: &Shading, first: u32, onward: u32, to_sun: u32, groups: u32, states: &Buffer<u32>, rays: &Buffer<u32>,
     );
     /// Gathers the corners of triangles that move.
     GatherCorners = gather_corners(

@@ -197,7 +197,9 @@ impl Tracer {
             trace_samples: TraceSamples::of(program)?,
             describe_pixels: DescribePixels::of(program)?,
             trace_sun: on_gpus(programs.features.sun).then(|| TraceSun::of(program)).transpose()?,
-            mirrors: on_gpus(programs.features.glossy).then(|| Mirrors::of(program, device)).transpose()?,
+            mirrors: on_gpus(programs.features.glossy)
+                .then(|| Mirrors::of(program, device, programs.features.sun))
+                .transpose()?,
             share_edges: ShareEdges::of(program)?,
             settle_blends: SettleBlends::of(program)?,
             share_blends: ShareBlends::of(program)?,

@@ -93,7 +93,7 @@ impl Idle {
             describe_pixels: DescribePixels::of(program)?,
             for_gpus: match traversal {
                 Traversal::Packet => None,
-                Traversal::SingleRay => Some((TraceSun::of(program)?, Mirrors::of(program, device)?)),
+                Traversal::SingleRay => Some((TraceSun::of(program)?, Mirrors::of(program, device, true)?)),
             },
             share_edges: ShareEdges::of(program)?,
             sample_shading: SampleShading::of(program, traversal)?,
@@ -119,7 +119,8 @@ impl Idle {
             let tiles = Tiles { list: words, first: 0, count: 0 };
             // All that a frame may launch.
             let shading = &Shading { cached: 1, ..*shading };
-            mirrors.enqueue(Pixels { scene, camera, shading, tiles, hits, records: visibility, counters })?;
+            let pixels = Pixels { scene, camera, shading, tiles, hits, records: visibility, counters };
+            mirrors.enqueue(&self.device, pixels, None)?;
         }
         self.share_edges.launch(grid, scene, camera, 1, words, 0, 0, hits, visibility, counters)?;
         let light = (info, None, None);

@@ -81,7 +81,7 @@ pub fn differ(a: &HitRecord, b: &HitRecord) -> bool {
 }
 
 /// Both pictures of a scene: by the kernels, and by ray queries.
-fn both(
+pub fn both(
     (device, context): (&Device, &Context),
     scene: &Scene,
     environment: &Environment,

@@ -21,7 +21,7 @@ use crate::common::builder::Builder;
 use crate::common::moving::{balls, blinking_world, mirroring_world, world_of_blinking_tube, world_of_two};
 use crate::guided::light;
 use crate::hardware::{differ, on_shared_memory};
-use crate::variants::alike;
+use crate::variants::{alike, mirrored_apart};
 
 /// 32 rays a sample, and what the sun does to pixels.
 const GUIDED: Settings = Settings { guided: true, ..PLAIN };
@@ -41,6 +41,7 @@ struct Both {
     benches: [Bench; 2],
     view: View,
     pattern: Pattern,
+    settings: Settings,
     name: String,
 }
 
@@ -57,7 +58,7 @@ impl Both {
         let middle = (low + high).as_dvec3() * 0.5 + loaded.scene.anchor;
         let eye = middle + DVec3::new(2.0, 3.0, 9.0);
         let view = view(eye, middle, 60.0, (160, 120));
-        Both { scene, benches, view, pattern: all_pixels(&view), name: name.into() }
+        Both { scene, benches, view, pattern: all_pixels(&view), settings: GUIDED, name: name.into() }
     }
 
     /// What both find where the scene is at a time, which is held to be the same.
@@ -69,7 +70,7 @@ impl Both {
     fn of(&mut self, state: &SceneState, time: f64) -> [Picture; 2] {
         let pictures = self.benches.each_mut().map(|bench| {
             bench.move_to(state);
-            bench.trace(&self.view, &GUIDED, &self.pattern)
+            bench.trace(&self.view, &self.settings, &self.pattern)
         });
         self.agree(&pictures, &format!("{} at {time}", self.name));
         pictures
@@ -206,6 +207,24 @@ fn what_moves_and_has_alpha_is_left_to_the_kernels() {
                 let counts = both.at(time).map(|picture| hits_of(&picture, &own));
                 assert!(counts.iter().all(|&count| count > 50), "{time}: {counts:?}");
             }
+        }
+    });
+}
+
+/// All of it is metal that mirrors: things that are elsewhere at each instant show each other, as far as the sun reaches them.
+#[test]
+fn mirrors_that_move_show_what_moves() {
+    on_shared_memory(|device, context| {
+        for instancing in [Instancing::Flat, Instancing::Shared] {
+            let mut loaded = load(world_of_two(false), instancing);
+            for material in &mut loaded.scene.materials {
+                (material.metallic, material.roughness) = (1.0, 0.02);
+            }
+            let mut both = Both::new((device, context), &loaded, Host, &format!("mirrors, {instancing:?}"));
+            both.settings = Settings { bounces: 1, rays: 8, ..GUIDED };
+            let [first, last] = [0.0, 1.2].map(|time| both.at(time)[1].visibility.clone());
+            let (apart, shown) = mirrored_apart(&first, &last);
+            assert!(shown * 6 > both.view.pixels() && apart * 5 > shown, "{apart} of {shown} have changed");
         }
     });
 }

@@ -13,6 +13,7 @@ mod denoise;
 mod edges;
 mod guided;
 mod hardware;
+mod hardware_mirrors;
 mod hardware_moving;
 mod hits;
 mod instances;

@@ -1,33 +1,31 @@
 //! Samples' light by both variants of the kernels: one kernel for packets, and those that hand light rays on in memory, as
 //! GPUs have it.
 
-use foveate::layout::{SampleRecord, unpack_emission, unpack_normal24};
+use foveate::layout::{SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24};
 use foveate::math::view::View;
-use foveate::scene::{Glass, Layers, Material, Scene};
+use foveate::scene::{AlphaMode, Glass, Layers, Material, Scene};
 use foveate::trace::{Settings, Traversal};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device};
 use crate::cases::lights;
 use crate::guided::{eye, light, still_life};
 use crate::scenes::{cuboid, floor, matt, metal, quad, scene_of};
 
+fn glass() -> Glass {
+    let attenuation = Vec3::new(0.2, 1.0, 2.0);
+    Glass { transmission: 0.9, texture: None, ior: 1.5, solid: true, attenuation }
+}
+
 /// The still life with all that light rays look for: a lamp that is a surface, punctual ones, glass, a coat, and a wall that is
 /// passed from behind.
 pub fn everything() -> Scene {
     let mut scene = still_life();
     let first = scene.materials.len() as u32;
-    let glass = Glass {
-        transmission: 0.9,
-        texture: None,
-        ior: 1.5,
-        solid: true,
-        attenuation: Vec3::new(0.2, 1.0, 2.0),
-    };
     let coat = Layers { coat: 1.0, coat_roughness: 0.3, ..Layers::default() };
     scene.materials.extend([
         Material { emissive: Vec3::new(6.0, 4.0, 2.0), ..matt(0.2) },
-        Material { glass: Some(glass), double_sided: true, roughness: 0.2, ..matt(0.8) },
+        Material { glass: Some(glass()), double_sided: true, roughness: 0.2, ..matt(0.8) },
         Material { layers: Some(Box::new(coat)), roughness: 0.6, ..matt(0.4) },
         matt(0.5),
     ]);
@@ -104,7 +102,7 @@ fn both_variants_shade_the_same() {
 }
 
 /// A mirror before a mirror, a thing that stands on the one, and metal that is not quite smooth.
-fn mirrors() -> Scene {
+pub fn mirrors() -> Scene {
     let [smooth, rough] = [0.02, 0.22].map(|roughness| metal(Vec3::new(0.9, 0.8, 0.6), roughness));
     let mut scene = scene_of(vec![smooth, rough, matt(0.5)]);
     floor(&mut scene, 6.0, 0.0, 0);
@@ -112,6 +110,42 @@ fn mirrors() -> Scene {
     cuboid(&mut scene, Vec3::new(0.1, 0.0, -0.5), Vec3::new(1.1, 0.9, 0.5), 1);
     cuboid(&mut scene, Vec3::new(-0.9, 0.0, 0.3), Vec3::new(-0.4, 0.5, 0.8), 2);
     scene
+}
+
+/// The mirrors behind a pane that covers them in part, and beside glass, which the low sun shines through.
+pub fn mirrors_behind_panes() -> Scene {
+    let mut scene = mirrors();
+    let first = scene.materials.len() as u32;
+    let covering = Material {
+        base_color: Vec4::new(0.8, 0.3, 0.2, 0.4),
+        alpha: AlphaMode::Blend,
+        double_sided: true,
+        ..matt(1.0)
+    };
+    scene.materials.extend([
+        covering,
+        Material { glass: Some(glass()), double_sided: true, roughness: 0.2, ..matt(0.8) },
+    ]);
+    let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    quad(
+        &mut scene,
+        [at(-2.5, 0.0, -1.6), at(2.5, 0.0, -1.6), at(2.5, 1.5, -1.6), at(-2.5, 1.5, -1.6)],
+        first,
+    );
+    cuboid(&mut scene, at(0.3, 0.0, 0.9), at(0.8, 0.5, 1.3), first + 1);
+    scene
+}
+
+/// Of how many pixels what they mirror differs, and how many mirror anything.
+pub fn mirrored_apart(a: &[VisibilityRecord], b: &[VisibilityRecord]) -> (usize, usize) {
+    let mirrored = |record: &VisibilityRecord| DVec3::from(unpack_emission(record.reflected).map(f64::from));
+    let (mut off, mut shown) = (0, 0);
+    for (a, b) in a.iter().zip(b).filter(|(a, _)| a.reflected > 0) {
+        let (a, b) = (mirrored(a), mirrored(b));
+        off += usize::from((a - b).abs().max_element() > 0.02 * a.max_element() + 1e-3);
+        shown += 1;
+    }
+    (off, shown)
 }
 
 /// What pixels mirror: of the sky alone, of what stands there, and in more tiles than have their rays under way together.
@@ -132,13 +166,7 @@ fn both_variants_mirror_the_same() {
                 let picture = bench.trace(&view, &settings, &all_pixels(&view));
                 (picture.visibility, picture.rays)
             });
-            let mirrored = |packed: u32| DVec3::from(unpack_emission(packed).map(f64::from));
-            let (mut off, mut shown) = (0, 0);
-            for (a, b) in packet.iter().zip(&single).filter(|(a, _)| a.reflected > 0) {
-                let (a, b) = (mirrored(a.reflected), mirrored(b.reflected));
-                off += usize::from((a - b).abs().max_element() > 0.02 * a.max_element() + 1e-3);
-                shown += 1;
-            }
+            let (off, shown) = mirrored_apart(&packet, &single);
             println!("{name}: {off} of {shown} pixels mirror something else, {rays} and {own} rays");
             assert!(shown * 3 > view.pixels() && off * 100 <= shown, "{name}: {off} of {shown}");
             assert!(rays.abs_diff(own) * 500 <= rays, "{name}: {rays} and {own} rays");

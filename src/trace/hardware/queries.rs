@@ -12,7 +12,7 @@ const MOST: usize = 1 << 14;
 /// What rays look for, and what has become of them, as `kernels/rays.wgsl` has it.
 const RAY_FOR_SKY: u32 = 1;
 const RAY_FOR_EMITTER: u32 = 3;
-const RAY_FROM_EYE: u32 = 32;
+const RAY_FOR_FRONT: u32 = 32;
 const RAY_FOR_BLOCKER: u32 = 64;
 const RAY_LOST: u32 = 4;
 const IS_OPEN: u32 = 16;
@@ -96,7 +96,7 @@ impl RayQueries {
         let sought = match asked {
             Asked::Any => RAY_FOR_SKY,
             Asked::AnyFront => RAY_FOR_EMITTER,
-            Asked::NearestFront => RAY_FROM_EYE,
+            Asked::NearestFront => RAY_FOR_FRONT,
             Asked::Nearest => RAY_FOR_BLOCKER,
         };
         // Ray i of group k is ray i * groups + k.

@@ -1,5 +1,7 @@
 //! Rays that ray queries trace, and the kernels on both sides of them: `kernels/gpu/hardware.cl`.
 
+mod mirrors;
+
 use super::Step;
 use super::shading::{Work, samples_under_way};
 use crate::error::Result;
@@ -14,6 +16,8 @@ use crate::trace::kernels::{
     GenerateSunRays, Grid, ResolveBlockers, ResolvePixelHits, ResolvePixelSun, ResolveSampleHits, SceneOf,
 };
 use crate::trace::{SceneBuffers, SceneData, SceneState, Traversal};
+use mirrors::MirrorRays;
+pub(super) use mirrors::MirrorRaysAsked;
 
 /// Groups of rays of a tile.
 const GROUPS_PER_TILE: usize = TILE_PIXELS as usize / GROUP;
@@ -39,6 +43,7 @@ pub(in crate::trace) struct Hardware {
     generate_sun_rays: GenerateSunRays,
     generate_blocker_rays: GenerateBlockerRays,
     resolve_blockers: ResolveBlockers,
+    mirror_rays: MirrorRays,
     gather_corners: GatherCorners,
     /// Whether rays may meet triangles with alpha, which kernels look at.
     alpha: bool,
@@ -64,6 +69,7 @@ impl Hardware {
             generate_sun_rays: GenerateSunRays::of(program)?,
             generate_blocker_rays: GenerateBlockerRays::of(program)?,
             resolve_blockers: ResolveBlockers::of(program)?,
+            mirror_rays: MirrorRays::of(program)?,
             gather_corners: GatherCorners::of(program)?,
             alpha: features.alpha,
         })

@@ -107,7 +107,7 @@ impl Tracer {
                 )
             };
         }
-        match (&self.trace_sun, hardware) {
+        match (&self.trace_sun, hardware.as_deref_mut()) {
             (Some(_), Some(by)) => {
                 let view = (camera, shading);
                 events.extend(by.trace_sun(&self.device, scene, view, tiles, hits, (records, counters))?);
@@ -117,15 +117,8 @@ impl Tracer {
         }
         launch!(self.describe_pixels);
         if let Some(mirrors) = &self.mirrors {
-            events.extend(mirrors.enqueue(Pixels {
-                scene,
-                camera,
-                shading,
-                tiles,
-                hits,
-                records,
-                counters,
-            })?);
+            let pixels = Pixels { scene, camera, shading, tiles, hits, records, counters };
+            events.extend(mirrors.enqueue(&self.device, pixels, hardware)?);
         }
         Ok(events)
     }
