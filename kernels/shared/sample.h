@@ -184,12 +184,12 @@ static float3 sent_on(const Shading *shading, const Cache *cache, bool is_smooth
 #if !SINGLE_RAYS
 // The light of a ray, which the surface has sent that it has met at t.
 INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
-                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, KEPT Surface *kept, uint *rays)
+                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, uint *rays)
 {
     float3 light = own_light_of(scene, shading, sample, d, place, t);
     if (sends_light_on(shading))
         light += sent_on(shading, cache, is_smooth,
-                         light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, kept, rays));
+                         light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, rays));
     return light * indirect;
 }
 #endif
@@ -319,7 +319,7 @@ static float3 light_of_glass(const Sample *sample, uint n, float3 sum)
 
 #if !SINGLE_RAYS
 // Light that comes through a sample's glass.
-INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, KEPT Surface *kept, SampleLight *brought)
+INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, SampleLight *brought)
 {
     const Surface *s = &sample->surface;
     if (!(s->transmission > 0.0f))
@@ -338,7 +338,7 @@ INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, 
             light = background(scene, shading, on.d);
         } else {
             light = surface_at(scene, place, on.origin, 0.0f, on.d, 0.05f * t).emission;
-            light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, true, chance, kept, &rays);
+            light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, true, chance, &rays);
         }
         sum += on.throughput * light;
     }
