@@ -60,12 +60,14 @@ INLINED static void add_to_cell(const Scene *scene, const Cache *cache, float3 p
     add_exactly(sum->blue, in_units(radiance.z, scale));
 }
 
+static uint seed_of_path(const CacheInfo *info, uint item) { return hash(item ^ hash(info->frame ^ 0x2545f491u)); }
+
 // The pixel that path `item` of a frame starts at, of those of `count` samples: one of each run of samples, so that all parts
-// of the view have their share. `*seed` is the path's.
-static uint start_of_path(const CacheInfo *info, __global const uint *samples, uint count, uint item, uint *seed)
+// of the view have their share.
+static uint start_of_path(const CacheInfo *info, __global const uint *samples, uint count, uint item)
 {
-    *seed = hash(item ^ hash(info->frame ^ 0x2545f491u));
-    return samples[min((uint)(((ulong)item * count + (ulong)(fraction(*seed) * (float)count)) / info->paths), count - 1u)];
+    float chance = fraction(seed_of_path(info, item));
+    return samples[min((uint)(((ulong)item * count + (ulong)(chance * (float)count)) / info->paths), count - 1u)];
 }
 
 // Adds light that leaves a surface at p with normal n, vertex i of a path, to its cell and to the coarser one around that.

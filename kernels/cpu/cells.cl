@@ -57,7 +57,7 @@ __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_vi
     if (item >= info.paths || count == 0u)
         return;
     Cache cache = {keys, cells, sums, load3(camera.origin), info.least, info.most};
-    uint seed, at = start_of_path(&info, samples, count, item, &seed);
+    uint seed = seed_of_path(&info, item), at = start_of_path(&info, samples, count, item);
     Step step;
     float3 d = camera_ray(&camera, at & 0xffffu, at >> 16), eye = load3(camera.origin);
     step.t = INFINITY;

@@ -33,12 +33,12 @@ __kernel void begin_cell_paths(SCENE_PARAMETERS, Camera camera, CacheInfo info, 
                                __global uint *queue, __global uint *states, __global uint *passed, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint p = (uint)get_global_id(0), seed, place = NONE;
+    uint p = (uint)get_global_id(0), place = NONE;
     if (p == 0u)
         begin_queues(queue, info.paths);
     if (p >= info.paths)
         return;
-    uint at = start_of_path(&info, samples, count, p, &seed);
+    uint at = start_of_path(&info, samples, count, p), seed = seed_of_path(&info, p);
     float3 d = camera_ray(&camera, at & 0xffffu, at >> 16), eye = load3(camera.origin);
     float t = INFINITY, spread = pixel_footprint(&camera, (float2)(at & 0xffffu, at >> 16) + 0.5f);
     if (!trace_ray(&scene, eye, load3(camera.origin_low), d, &t, &place, CLOSEST_FRONT, seed))
@@ -117,8 +117,7 @@ __kernel void add_cell_light(SCENE_PARAMETERS, Camera camera, CacheInfo info, ui
     bool coarse = at / room >= CACHE_PATH;
     if (at >= 2u * stride || p >= info.paths || *path_word(passed, stride, PASSED_END, to) == PASSED_NONE)
         return;
-    uint seed = hash(p ^ hash(info.frame ^ 0x2545f491u));
     add_to_cells(&scene, &cache, &info, path_vector(passed, stride, PASSED_POSITION, to), path_vector(passed, stride, PASSED_SIDE, to),
-                 path_vector(passed, stride, PASSED_RADIANCE, to), i, coarse, seed, touched, counters);
+                 path_vector(passed, stride, PASSED_RADIANCE, to), i, coarse, seed_of_path(&info, p), touched, counters);
 }
 #endif

@@ -119,17 +119,17 @@ __kernel void shade_path_vertices(SCENE_PARAMETERS, Camera camera, Shading shadi
     if (place == NONE)
         return;
     float t = as_float(*path_word(states, room, PATH_T, p)), spread = as_float(*path_word(states, room, PATH_SPREAD_AT, p));
-    Surface s = surface_at(&scene, place, path_vector(states, room, PATH_ORIGIN, p), of_eye ? load3(camera.origin_low) : 0.0f,
-                           path_vector(states, room, PATH_DIRECTION, p), spread * t);
-    if (s.unlit)
+    __global Surface *kept = surface_kept(surfaces, p);
+    keep_surface_at(&scene, place, path_vector(states, room, PATH_ORIGIN, p), of_eye ? load3(camera.origin_low) : 0.0f,
+                    path_vector(states, room, PATH_DIRECTION, p), spread * t, kept);
+    if (kept->unlit)
         return;
 #if HAS_GLASS
     // Here it is met for what it reflects: paths that see through it were followed before.
     if (!looks_up(&shading))
-        s.transmission = 0.0f;
+        kept->transmission = 0.0f;
 #endif
     *path_word(states, room, PATH_STATE, p) = PATH_LIT;
-    *surface_kept(surfaces, p) = s;
 }
 
 // The rays of a step, a work-item each.

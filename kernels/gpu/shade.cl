@@ -48,6 +48,8 @@ static __global ShadedSample *state_at(__global uint *states, uint k) { return (
 #define PLANE_THROUGHPUT 5u
 #define PLANE_LEFT 8u
 #define PLANE_CHANCE 13u
+// While they are under way, how much of their light is absorbed a metre.
+#define PLANE_ABSORBED 15u
 #if HARDWARE_RAYS
 // Behind them where samples' rays leave them, for those who trace rays elsewhere (hardware.cl), which leave some open.
 #define PLANE_ORIGIN 18u
@@ -58,6 +60,7 @@ static __global ShadedSample *state_at(__global uint *states, uint k) { return (
 #define RAY_LOST 4u
 #define RAY_TO_SHADE 5u
 #define RAY_SHADED 6u
+#define RAY_TO_CROSS 7u
 
 static __global uint *word_of(__global uint *rays, uint count, uint plane, uint at) { return rays + (size_t)plane * (32u * count) + at; }
 
@@ -101,13 +104,14 @@ __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         return;
     uint at = samples[first + k];
     HitRecord hit = hits[asked.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : first + k];
-    ShadedSample state;
-    begin_sample(&scene, &camera, &asked, first + k, at, hit, &state.sample);
-    clear_light(&state.light);
+    __global ShadedSample *state = state_at(states, k);
+    begin_sample(&scene, &camera, &asked, first + k, at, hit, &state->sample);
+    SampleLight none;
+    clear_light(&none);
+    state->light = none;
 #if HAS_GLASS
-    state.through_glass = 0.0f;
+    state->through_glass = 0.0f;
 #endif
-    *state_at(states, k) = state;
 }
 
 // Rays to the sun's disc, and one to what hides a part of it. counters[0] sums them.

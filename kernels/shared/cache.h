@@ -153,16 +153,14 @@ INLINED static bool light_known(const Scene *scene, const Shading *shading, cons
     return t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) && cached_radiance(cache, p, side_of(scene, place, d), t, radiance) >= 0.0f;
 }
 
-// Vertices of a path that is followed from a hit: those of the bounces that are asked for; with the cache a single one.
-static uint vertices_of_path(const Shading *shading) { return max(shading->bounces, 1u); }
-
 // The width at t of the cone of a path's ray, by t: wide, since what a bounce sees is blurred by the next one.
 #define PATH_SPREAD 0.05f
 
 static float spread_of_path(const Shading *shading, bool is_smooth) { return looks_up(shading) && is_smooth ? 0.0f : PATH_SPREAD; }
 
 #if !SINGLE_RAYS
-// Light that a ray from `origin` finds at its hit, without that surface's own, by one path. ../gpu/paths.cl has it for GPUs.
+// Light that a ray from `origin` finds at its hit, without that surface's own, by one path over the bounces that are asked for;
+// with the cache by a single step. ../gpu/paths.cl has it for GPUs.
 INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
                                     float t, bool is_smooth, uint seed, uint *rays)
 {
@@ -174,7 +172,7 @@ INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, 
     step.direction = d;
     step.place = place;
     step.t = t;
-    for (uint bounce = 0; bounce < vertices_of_path(shading); ++bounce) {
+    for (uint bounce = 0; bounce < max(shading->bounces, 1u); ++bounce) {
         Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, spread * step.t);
         if (s.unlit)
             return sum;

@@ -261,7 +261,7 @@ static uint blocker_code(float t) { return (uint)clamp((float)BLOCKER_STEPS * lo
 
 // Looks at what the sample at pixel `at` sees.
 INLINED static void begin_sample(const Scene *scene, const Camera *camera, const Shading *shading, uint index, uint at, HitRecord hit,
-                         Sample *sample)
+                         KEPT Sample *sample)
 {
     float3 d = camera_ray(camera, at & 0xffffu, at >> 16);
     sample->index = index;
@@ -277,24 +277,24 @@ INLINED static void begin_sample(const Scene *scene, const Camera *camera, const
             sample->radiance = background(scene, shading, d);
         return;
     }
-    Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
-                           hit.t * pixel_footprint(camera, (float2)(at & 0xffffu, at >> 16) + 0.5f));
-    sample->surface = s;
-    sample->radiance = s.emission;
+    sample->view = -d;
     sample->depth = view_depth(camera, d, hit.t);
-    sample->normal = pack_normal24(s.smooth);
-    if (s.unlit)
+    sample->chance = chance_of(index, camera->seed);
+    keep_surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
+                    hit.t * pixel_footprint(camera, (float2)(at & 0xffffu, at >> 16) + 0.5f), &sample->surface);
+    KEPT_SURFACE(s, &sample->surface);
+    sample->radiance = s->emission;
+    sample->normal = pack_normal24(s->smooth);
+    if (s->unlit)
         return;
 #if HAS_NORMAL_MAPS
     uint material = TRIANGLE_MATERIAL(packed_of(scene, hit.triangle));
     sample->mapped = scene->materials[material].textures[2].texture != NONE;
 #endif
     sample->lit = true;
-    sample->view = -d;
-    sample->f0 = specular_color(&s);
-    sample->mixture = mixture_at(scene, &s, shading, sample->f0, -d, !shading->guided, true);
-    sample->origin = leave_surface(&s);
-    sample->chance = chance_of(index, camera->seed);
+    sample->f0 = specular_color(s);
+    sample->mixture = mixture_at(scene, s, shading, sample->f0, sample->view, !shading->guided, true);
+    sample->origin = leave_surface(s);
 }
 
 #if HAS_GLASS

@@ -246,6 +246,7 @@ typedef struct {
 #define SUN_VISIBLE 0x80000000u
 #define CACHE_CELLS 0x40000u
 #define CACHE_PATH 0x3u
+#define GLASS_STEPS 0x10u
 #define PATH_QUEUES 0x8u
 #define PATH_WORDS 0x11u
 #define STEP_WORDS 0xcu

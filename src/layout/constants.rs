@@ -1,7 +1,7 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 37] {
+pub(super) fn named() -> [(&'static str, u32); 38] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
@@ -17,6 +17,7 @@ pub(super) fn named() -> [(&'static str, u32); 37] {
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
         ("CACHE_PATH", CACHE_PATH),
+        ("GLASS_STEPS", GLASS_STEPS),
         ("PATH_QUEUES", PATH_QUEUES),
         ("PATH_WORDS", PATH_WORDS),
         ("STEP_WORDS", STEP_WORDS),
@@ -84,6 +85,8 @@ pub const BLOCKER_METRE: u32 = 49;
 pub const CACHE_CELLS: u32 = 1 << 18;
 /// Vertices of the cache's paths beyond those that the eye sees.
 pub const CACHE_PATH: u32 = 3;
+/// Interfaces that a path through glass crosses at most.
+pub const GLASS_STEPS: u32 = 16;
 /// Vertices of paths that kernels on GPUs can queue for.
 pub const PATH_QUEUES: u32 = 8;
 /// Words of memory of a path there: the planes in `kernels/gpu/paths.cl`.

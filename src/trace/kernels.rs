@@ -227,10 +227,15 @@ kernels! {
         camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
         paths: &Buffer<u32>,
     );
-    /// Follows them to what is behind it.
-    FollowGlassRays = follow_glass_rays(
-        scene: SceneOf, shading: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
-        paths: &Buffer<u32>, counters: &Buffer<u32>,
+    /// Traces them.
+    IntersectGlassRays = intersect_glass_rays(
+        scene: SceneOf, count: u32, light_rays: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Has them cross the glass that they have met.
+    CrossGlassSurfaces = cross_glass_surfaces(scene: SceneOf, count: u32, light_rays: &Buffer<u32>);
+    /// Looks at what they see behind it.
+    ShadeGlassHits = shade_glass_hits(
+        scene: SceneOf, shading: &Shading, count: u32, light_rays: &Buffer<u32>, paths: &Buffer<u32>,
     );
     /// Adds up what comes through.
     ResolveGlass = resolve_glass(

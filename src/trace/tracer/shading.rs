@@ -72,7 +72,9 @@ impl SampleShading {
                 "intersect_path_rays",
                 "shade_path_rays",
                 "shade_punctual",
-                "follow_glass_rays",
+                "intersect_glass_rays",
+                "cross_glass_surfaces",
+                "shade_glass_hits",
             ],
         }
     }
