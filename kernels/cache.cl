@@ -1,17 +1,5 @@
 // The cache of light from frame to frame: short paths from some of a view's samples bring light to the cells that they
-// pass, and what they brought is settled once. All devices do the same, so that their caches agree.
-
-// Surfaces that a path passes beyond the one that the eye sees.
-#define CACHE_PATH 3u
-
-// What a path has found at one of its surfaces.
-typedef struct {
-    float3 position, side;
-    float3 direct, weight;
-    // What is known of the light from where it goes on, and how well.
-    float3 next;
-    bool goes_on, known;
-} Passed;
+// pass (cpu/cells.cl and gpu/cells.cl), and what they brought is settled once. All devices do the same, so that their caches agree.
 
 // Adds 64-bit integers of two words: exact in any order.
 static void add_exactly(volatile __global uint *words, ulong value)
@@ -42,13 +30,13 @@ INLINED static bool is_parted(const Scene *scene, const Cache *cache, float3 p, 
     return trace_ray(scene, p + n * (0.02f * size), 0.0f, along / distance, &distance, &triangle, ANY, seed);
 }
 
-// Adds a path's light to a cell of a size. A cell that is known to be parted goes on to a smaller one.
-INLINED static void add_to_cell(const Scene *scene, const Cache *cache, const Passed *at, float3 radiance, int level, int halvings,
+// Adds light that leaves a surface at p with normal n to a cell of a size. A cell that is known to be parted goes on to a smaller one.
+INLINED static void add_to_cell(const Scene *scene, const Cache *cache, float3 p, float3 n, float3 radiance, int level, int halvings,
                         float scale, uint seed, __global uint *touched, __global uint *counters)
 {
     uint cell = NONE;
     for (int halving = 0; halving <= halvings; ++halving) {
-        cell = claim_cell(cache, cell_key(cell_place(at->position, at->side, level), at->side, level));
+        cell = claim_cell(cache, cell_key(cell_place(p, n, level), n, level));
         if (cell == NONE)
             return;
         if (!is_split(cache->cells + cell))
@@ -63,7 +51,7 @@ INLINED static void add_to_cell(const Scene *scene, const Cache *cache, const Pa
     __global CacheSum *sum = cache->sums + cell;
     // What was often looked for in vain is looked for less.
     bool is_sought = cache->cells[cell].samples < 64.0f || (hash(seed) & 3u) == 0u;
-    if (is_sought && is_parted(scene, cache, at->position, at->side, level, seed))
+    if (is_sought && is_parted(scene, cache, p, n, level, seed))
         atomic_or(&sum->parted, 1u);
     if (atomic_inc(&sum->count) == 0u)
         touched[atomic_inc(&counters[1])] = cell;
@@ -72,90 +60,23 @@ INLINED static void add_to_cell(const Scene *scene, const Cache *cache, const Pa
     add_exactly(sum->blue, in_units(radiance.z, scale));
 }
 
-// Passes surfaces from the hit of `step` on, which the eye sees `footprint` wide: those beyond it are the path's; how many. The
-// first one's place is relative to the eye, as the camera has it; surfaces are shaded in one place, as in take_step.
-INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, const Shading *shading, const Cache *cache, Step step, float footprint,
-                          uint seed, KEPT Surface *kept, Passed *path, uint *rays)
+static uint seed_of_path(const CacheInfo *info, uint item) { return hash(item ^ hash(info->frame ^ 0x2545f491u)); }
+
+// The pixel that path `item` of a frame starts at, of those of `count` samples: one of each run of samples, so that all parts
+// of the view have their share.
+static uint start_of_path(const CacheInfo *info, __global const uint *samples, uint count, uint item)
 {
-    uint count = 0;
-    for (uint passed = 0; passed <= CACHE_PATH; ++passed) {
-        bool is_seen = passed == 0u;
-        float3 low = is_seen ? load3(camera->origin_low) : 0.0f;
-        Surface s = surface_at(scene, step.place, step.origin, low, step.direction, (is_seen ? footprint : 0.05f) * step.t);
-        if (s.unlit)
-            break;
-        float3 position = step.origin + step.direction * step.t;
-        seed = is_seen ? seed : hash(seed ^ 0x9e3779b9u);
-        *kept = s;
-        float3 side = s.geometric;
-        take_step(scene, shading, kept, -step.direction, seed, &step, rays);
-        if (is_seen) {
-            if (!step.goes_on)
-                break;
-            continue;
-        }
-        Passed *at = path + count++;
-        at->position = position;
-        at->side = side;
-        at->direct = step.direct;
-        at->goes_on = step.goes_on;
-        at->known = false;
-        at->next = 0.0f;
-        if (!step.goes_on)
-            break;
-        at->weight = step.weight;
-        float3 next = step.origin + step.direction * step.t, facing = side_of(scene, step.place, step.direction);
-        at->known = cached_radiance(cache, next, facing, step.t, &at->next) >= 1.0f;
-    }
-    return count;
+    float chance = fraction(seed_of_path(info, item));
+    return samples[min((uint)(((ulong)item * count + (ulong)(chance * (float)count)) / info->paths), count - 1u)];
 }
 
-// Sends `info.paths` paths from samples spread over the view. counters[0] sums rays, counters[1] the cells in `touched`.
-__kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_view, CacheInfo info, __global const uint *samples,
-                          uint count, __global uint *keys, __global CacheCell *cells, __global CacheSum *sums,
-                          __global uint *touched, __global uint *counters, __global uint *kept_surfaces)
+// Adds light that leaves a surface at p with normal n, vertex i of a path, to its cell and to the coarser one around that.
+INLINED static void add_to_cells(const Scene *scene, const Cache *cache, const CacheInfo *info, float3 p, float3 n, float3 radiance,
+                                 uint i, bool coarse, uint seed, __global uint *touched, __global uint *counters)
 {
-    Scene scene = SCENE_ARGUMENTS;
-    Shading shading = shading_of_view;
-    uint item = get_global_id(0);
-    if (item >= info.paths || count == 0u)
-        return;
-    Cache cache = {keys, cells, sums, load3(camera.origin), info.least, info.most};
-    // One of each run of samples, so that all parts of the view have their share.
-    uint seed = hash(item ^ hash(info.frame ^ 0x2545f491u));
-    uint index = min((uint)(((ulong)item * count + (ulong)(fraction(seed) * (float)count)) / info.paths), count - 1u), at = samples[index];
-    Step step;
-    float3 d = camera_ray(&camera, at & 0xffffu, at >> 16), eye = load3(camera.origin);
-    step.t = INFINITY;
-    uint rays = 1;
-    if (trace_ray(&scene, eye, load3(camera.origin_low), d, &step.t, &step.place, CLOSEST_FRONT, seed)) {
-        step.origin = eye;
-        step.direction = d;
-        Passed path[CACHE_PATH];
-        float footprint = pixel_footprint(&camera, (float2)(at & 0xffffu, at >> 16) + 0.5f);
-#if SINGLE_RAYS
-        __global Surface *kept = surface_kept(kept_surfaces, item);
-#else
-        Surface own, *kept = &own;
-#endif
-        uint passed = pass_surfaces(&scene, &camera, &shading, &cache, step, footprint, seed, kept, path, &rays);
-        float3 last = 0.0f;
-        for (uint i = passed; i-- > 0u;) {
-            Passed *at = path + i;
-            // Of what the cache does not know well yet, the path itself tells more.
-            float3 next = at->known || i + 1u == passed ? at->next : last;
-            float3 radiance = at->direct + (at->goes_on ? at->weight * next : 0.0f);
-            if (!all_finite(radiance))
-                break;
-            last = radiance;
-            int level = cell_level(&cache, at->position);
-            uint chance = hash(seed + i + 1u);
-            for (uint coarse = 0; coarse < 2u; ++coarse)
-                add_to_cell(&scene, &cache, at, radiance, level + (coarse ? CACHE_COARSER : 0), coarse ? 0 : CACHE_HALVINGS, info.scale,
-                            coarse ? ~chance : chance, touched, counters);
-        }
-    }
-    atomic_add(&counters[0], rays);
+    uint chance = hash(seed + i + 1u);
+    add_to_cell(scene, cache, p, n, radiance, cell_level(cache, p) + (coarse ? CACHE_COARSER : 0), coarse ? 0 : CACHE_HALVINGS, info->scale,
+                coarse ? ~chance : chance, touched, counters);
 }
 
 static float sum_of(__global const uint *words, float scale)

@@ -100,7 +100,6 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
                        TraversalState *w)
 {
     const Sample *sample = &shaded->sample;
-    Surface kept;
     uint all = shaded->straight | shaded->bounced | aimed_rays(shaded), rays = popcount(all);
     for (uint left = all & ~shaded->lost; left; left &= left - 1u) {
         uint i = lowest_bit(left);
@@ -117,7 +116,7 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
 #endif
         if (shaded->hits >> i & 1u)
             light = light_of_surface(scene, shading, cache, sample, d, w->rays.triangle[i], w->rays.t_max[i], shaded->indirect[i],
-                                     shaded->smooth >> i & 1u, hash(sample->index * 32u + i + hash(seed + first_ray)), &kept, &rays);
+                                     shaded->smooth >> i & 1u, hash(sample->index * 32u + i + hash(seed + first_ray)), &rays);
         else
             light = distant_light(scene, shading, d, sample->surface.occlusion, !shading->guided);
         add_light(sample, &shaded->weights[i], plain, d, light, &shaded->light);
@@ -239,9 +238,8 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         if (sample->lit)
             rays += add_punctual(&scene, &shading, &sample->surface, sample->view, sample->chance, &mine[k].light.sum);
 #if HAS_GLASS
-        Surface kept;
         if (sample->lit)
-            rays += add_glass_light(&scene, &shading, &cache, sample, camera.seed, &kept, &mine[k].light);
+            rays += add_glass_light(&scene, &shading, &cache, sample, camera.seed, &mine[k].light);
 #endif
         uint at = samples[sample->index], reflected = 0u;
 #if HAS_GLOSSY

@@ -2,8 +2,11 @@
 // in kernels that hand rays on in memory, in the planes of shade.cl. For each 32 of a sample's rays:
 //
 //   generate_glass_rays   where rays enter
-//   follow_glass_rays     through what they pass, and what they see behind it; where that is a surface, they are queued
-//   shade_light_paths     what lights it
+//   then for each interface that they may cross
+//     intersect_glass_rays  what they meet
+//     cross_glass_surfaces  where they go on, if that is glass
+//   shade_glass_hits      what they see behind it; where that is a surface, they are queued
+//   then paths from there: shade.cl
 //   resolve_glass         adds up what comes through
 #if SINGLE_RAYS
 
@@ -29,46 +32,91 @@ __kernel void generate_glass_rays(Camera camera, Shading asked, uint first_ray, 
     set_vector(light_rays, count, PLANE_LEFT, at, on.origin);
     set_vector(light_rays, count, PLANE_DIRECTION, at, on.d);
     set_vector(light_rays, count, PLANE_THROUGHPUT, at, on.throughput);
+    set_vector(light_rays, count, PLANE_ABSORBED, at, absorbed_beyond(&sample.surface, on.d));
     *word_of(light_rays, count, PLANE_CHANCE, at) = chance_in_glass(&sample, i, n, camera.seed);
 #endif
 }
 
-// Follows them. counters[0] sums further rays.
-__kernel void follow_glass_rays(SCENE_PARAMETERS, Shading shading, uint count, __global uint *states, __global uint *light_rays,
-                                __global uint *paths, __global uint *counters)
+// Traces those that are under way. counters[0] sums further rays.
+__kernel void intersect_glass_rays(SCENE_PARAMETERS, uint count, __global uint *light_rays, __global uint *counters)
 {
 #if HAS_GLASS
     Scene scene = SCENE_ARGUMENTS;
-    uint at = (uint)get_global_id(0), rays = 0u, place;
+    uint at = (uint)get_global_id(0), place;
     if (at >= 32u * count || *word_of(light_rays, count, PLANE_SOUGHT, at) != RAY_FOR_SURFACES)
         return;
-    Surface entered = state_at(states, at % count)->sample.surface;
-    uint chance = *word_of(light_rays, count, PLANE_CHANCE, at), became = RAY_SHADED;
-    Onward on = {vector_of(light_rays, count, PLANE_LEFT, at), vector_of(light_rays, count, PLANE_DIRECTION, at),
-                 vector_of(light_rays, count, PLANE_THROUGHPUT, at)};
-    float t;
-    bool met = follow_glass(&scene, &on, &entered, &place, &t, &chance, &rays);
-    float3 light = 0.0f;
-    if (!(max3(on.throughput) > 0.0f)) {
-        became = RAY_LOST;
-    } else if (!met) {
-        light = background(&scene, &shading, on.d);
+    float3 throughput = vector_of(light_rays, count, PLANE_THROUGHPUT, at);
+    if (!(max3(throughput) > 0.0f)) {
+        *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_LOST;
+        return;
+    }
+    atomic_inc(&counters[0]);
+    float t = INFINITY;
+    uint chance = next_in_glass(*word_of(light_rays, count, PLANE_CHANCE, at)), became = RAY_FOR_SKY;
+    if (trace_ray(&scene, vector_of(light_rays, count, PLANE_LEFT, at), 0.0f, vector_of(light_rays, count, PLANE_DIRECTION, at), &t, &place,
+                  SEEN, chance)) {
+        throughput = through_glass(throughput, vector_of(light_rays, count, PLANE_ABSORBED, at), t);
+        set_vector(light_rays, count, PLANE_THROUGHPUT, at, throughput);
+        became = may_be_glass(&scene, place) ? RAY_TO_CROSS : RAY_TO_SHADE;
+    }
+    *word_of(light_rays, count, PLANE_CHANCE, at) = chance;
+    *word_of(light_rays, count, PLANE_T, at) = as_uint(t);
+    *word_of(light_rays, count, PLANE_TRIANGLE, at) = place;
+    *word_of(light_rays, count, PLANE_SOUGHT, at) = became;
+#endif
+}
+
+// Has them cross the glass that they have met; those that pass beside it by chance see it.
+__kernel void cross_glass_surfaces(SCENE_PARAMETERS, uint count, __global uint *light_rays)
+{
+#if HAS_GLASS
+    Scene scene = SCENE_ARGUMENTS;
+    uint at = (uint)get_global_id(0);
+    if (at >= 32u * count || *word_of(light_rays, count, PLANE_SOUGHT, at) != RAY_TO_CROSS)
+        return;
+    uint chance = *word_of(light_rays, count, PLANE_CHANCE, at), place = *word_of(light_rays, count, PLANE_TRIANGLE, at);
+    // By what is left of its light where it goes on: read when that is known, registers are free for the surface.
+    Onward on = {vector_of(light_rays, count, PLANE_LEFT, at), vector_of(light_rays, count, PLANE_DIRECTION, at), 1.0f};
+    float3 absorbed;
+    bool crosses = cross_surface(&scene, &on, place, chance, &absorbed);
+    *word_of(light_rays, count, PLANE_SOUGHT, at) = crosses ? RAY_FOR_SURFACES : RAY_TO_SHADE;
+    if (!crosses)
+        return;
+    set_vector(light_rays, count, PLANE_LEFT, at, on.origin);
+    set_vector(light_rays, count, PLANE_DIRECTION, at, on.d);
+    set_vector(light_rays, count, PLANE_THROUGHPUT, at, on.throughput * vector_of(light_rays, count, PLANE_THROUGHPUT, at));
+    set_vector(light_rays, count, PLANE_ABSORBED, at, absorbed);
+#endif
+}
+
+// Light of what they see behind glass: the background's, or a surface's own. Those that see a surface are queued.
+__kernel void shade_glass_hits(SCENE_PARAMETERS, Shading shading, uint count, __global uint *light_rays, __global uint *paths)
+{
+#if HAS_GLASS
+    Scene scene = SCENE_ARGUMENTS;
+    uint at = (uint)get_global_id(0);
+    if (at >= 32u * count)
+        return;
+    uint became = *word_of(light_rays, count, PLANE_SOUGHT, at);
+    if (became != RAY_FOR_SKY && became != RAY_TO_SHADE)
+        return;
+    if (!(max3(vector_of(light_rays, count, PLANE_THROUGHPUT, at)) > 0.0f)) {
+        *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_LOST;
+        return;
+    }
+    float3 d = vector_of(light_rays, count, PLANE_DIRECTION, at), light;
+    if (became == RAY_FOR_SKY) {
+        light = background(&scene, &shading, d);
+        *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_SHADED;
     } else {
-        became = RAY_TO_SHADE | IS_SMOOTH;
-        light = surface_at(&scene, place, on.origin, 0.0f, on.d, 0.05f * t).emission;
-        set_vector(light_rays, count, PLANE_LEFT, at, on.origin);
-        set_vector(light_rays, count, PLANE_DIRECTION, at, on.d);
-        *word_of(light_rays, count, PLANE_CHANCE, at) = chance;
-        *word_of(light_rays, count, PLANE_T, at) = as_uint(t);
-        *word_of(light_rays, count, PLANE_TRIANGLE, at) = place;
+        float t = as_float(*word_of(light_rays, count, PLANE_T, at));
+        light = surface_at(&scene, *word_of(light_rays, count, PLANE_TRIANGLE, at), vector_of(light_rays, count, PLANE_LEFT, at), 0.0f, d,
+                           0.05f * t).emission;
+        *word_of(light_rays, count, PLANE_SOUGHT, at) = RAY_TO_SHADE | IS_SMOOTH;
         *word_of(light_rays, count, PLANE_INDIRECT, at) = as_uint(1.0f);
         paths[1u + atomic_inc(&paths[0])] = at;
     }
-    set_vector(light_rays, count, PLANE_THROUGHPUT, at, on.throughput);
     set_vector(light_rays, count, PLANE_LIGHT, at, light);
-    *word_of(light_rays, count, PLANE_SOUGHT, at) = became;
-    if (rays)
-        atomic_add(&counters[0], rays);
 #endif
 }
 

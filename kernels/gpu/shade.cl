@@ -7,7 +7,8 @@
 //     generate_light_rays
 //     intersect_light_rays, which queues those whose light a surface sends
 //     shade_light_hits     what these are known to send; where it is not known, queues the rays again
-//     shade_light_paths    follows paths from there
+//     paths from there, some at a time: begin_light_paths, for each vertex paths.cl and resolve_light_vertices, and
+//     resolve_light_paths, which takes what they have found
 //     resolve_light        adds up what the rays bring
 //   shade_punctual       light of punctual lights
 //   then light that comes through a sample's glass: glass.cl
@@ -47,6 +48,8 @@ static __global ShadedSample *state_at(__global uint *states, uint k) { return (
 #define PLANE_THROUGHPUT 5u
 #define PLANE_LEFT 8u
 #define PLANE_CHANCE 13u
+// While they are under way, how much of their light is absorbed a metre.
+#define PLANE_ABSORBED 15u
 #if HARDWARE_RAYS
 // Behind them where samples' rays leave them, for those who trace rays elsewhere (hardware.cl), which leave some open.
 #define PLANE_ORIGIN 18u
@@ -57,6 +60,7 @@ static __global ShadedSample *state_at(__global uint *states, uint k) { return (
 #define RAY_LOST 4u
 #define RAY_TO_SHADE 5u
 #define RAY_SHADED 6u
+#define RAY_TO_CROSS 7u
 
 static __global uint *word_of(__global uint *rays, uint count, uint plane, uint at) { return rays + (size_t)plane * (32u * count) + at; }
 
@@ -100,13 +104,14 @@ __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         return;
     uint at = samples[first + k];
     HitRecord hit = hits[asked.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : first + k];
-    ShadedSample state;
-    begin_sample(&scene, &camera, &asked, first + k, at, hit, &state.sample);
-    clear_light(&state.light);
+    __global ShadedSample *state = state_at(states, k);
+    begin_sample(&scene, &camera, &asked, first + k, at, hit, &state->sample);
+    SampleLight none;
+    clear_light(&none);
+    state->light = none;
 #if HAS_GLASS
-    state.through_glass = 0.0f;
+    state->through_glass = 0.0f;
 #endif
-    *state_at(states, k) = state;
 }
 
 // Rays to the sun's disc, and one to what hides a part of it. counters[0] sums them.
@@ -274,38 +279,79 @@ __kernel void shade_light_hits(SCENE_PARAMETERS, Camera camera, Shading asked, u
     }
 }
 
-// Follows the paths of queued rays, a work-item one after the other; those of glass have passed some. counters[0] sums the rays.
-__kernel void shade_light_paths(SCENE_PARAMETERS, Camera camera, Shading asked, uint of_glass, uint first_ray, uint count, __global uint *states,
-                                __global uint *light_rays, __global const uint *paths, CacheInfo info, __global uint *keys,
-                                __global CacheCell *cells, __global uint *counters, __global uint *kept_surfaces)
+// Begins the paths of queued rays, from number `first` of those on as many as there is room for; those of glass have passed some.
+__kernel void begin_light_paths(Camera camera, Shading asked, uint of_glass, uint first_ray, uint count, __global uint *states,
+                                __global uint *light_rays, __global const uint *paths, uint first, uint room, __global uint *queue,
+                                __global uint *path_states)
+{
+    uint p = (uint)get_global_id(0), waiting = paths[0] > first ? min(paths[0] - first, room) : 0u;
+    if (p == 0u)
+        begin_queues(queue, waiting);
+    if (p >= waiting)
+        return;
+    uint at = paths[1u + first + p];
+    __global const Sample *sample = &state_at(states, at % count)->sample;
+    bool is_smooth = (*word_of(light_rays, count, PLANE_SOUGHT, at) & IS_SMOOTH) != 0u;
+    uint chance = hash(sample->index * 32u + at / count + hash(camera.seed + first_ray));
+    float3 origin = sample->origin;
+#if HAS_GLASS
+    if (of_glass) {
+        chance = *word_of(light_rays, count, PLANE_CHANCE, at);
+        origin = vector_of(light_rays, count, PLANE_LEFT, at);
+    }
+#endif
+    begin_path(path_states, queue, room, p, origin, vector_of(light_rays, count, PLANE_DIRECTION, at),
+               as_float(*word_of(light_rays, count, PLANE_T, at)), *word_of(light_rays, count, PLANE_TRIANGLE, at), chance,
+               spread_of_path(&asked, is_smooth));
+}
+
+// Adds what their steps at a vertex have found. counters[0] sums the rays.
+__kernel void resolve_light_vertices(SCENE_PARAMETERS, Shading shading, uint vertex, uint room, __global uint *queue,
+                                     __global uint *path_states, __global uint *surfaces, __global uint *step_rays, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint rays = 0u;
-    Shading shading = without_sun_rays(asked);
+    uint p = path_of_item(queue, room, vertex, (uint)get_global_id(0)), rays = 0u;
+    if (p == NONE || *path_word(path_states, room, PATH_STATE, p) == PATH_ENDED)
+        return;
+    Step step;
+    read_step(&scene, &shading, room, p, path_states, surfaces, step_rays, &step, &rays);
+    atomic_add(&counters[0], rays);
+    float3 sum = path_vector(path_states, room, PATH_SUM, p), throughput = path_vector(path_states, room, PATH_THROUGHPUT, p);
+    sum += throughput * step.direct;
+    set_path_vector(path_states, room, PATH_SUM, p, sum);
+    if (!step.goes_on)
+        return;
+    throughput *= step.weight;
+    set_path_vector(path_states, room, PATH_THROUGHPUT, p, throughput);
+    uint seed = *path_word(path_states, room, PATH_SEED, p) - 16u * vertex;
+    go_on(&step, hash(seed ^ 0x9e3779b9u) + 16u * (vertex + 1u), vertex, room, p, queue, path_states);
+}
+
+// What light rays bring whose paths have ended; the cache knows what those find that go on.
+__kernel void resolve_light_paths(SCENE_PARAMETERS, Camera camera, Shading asked, uint of_glass, uint count, __global uint *light_rays,
+                                  __global const uint *paths, uint first, uint room, __global uint *path_states, CacheInfo info,
+                                  __global uint *keys, __global CacheCell *cells)
+{
+    Scene scene = SCENE_ARGUMENTS;
     Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
-    for (uint item = (uint)get_global_id(0); item < paths[0]; item += (uint)get_global_size(0)) {
-        uint at = paths[1u + item];
-        __global const Sample *sample = &state_at(states, at % count)->sample;
-        __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
-        bool is_smooth = (*sought & IS_SMOOTH) != 0u;
-        uint chance = hash(sample->index * 32u + at / count + hash(camera.seed + first_ray));
-        float3 origin = sample->origin;
-#if HAS_GLASS
-        if (of_glass) {
-            chance = *word_of(light_rays, count, PLANE_CHANCE, at);
-            origin = vector_of(light_rays, count, PLANE_LEFT, at);
-        }
-#endif
-        float3 found = light_of_path(&scene, &shading, &cache, origin, vector_of(light_rays, count, PLANE_DIRECTION, at),
-                                     *word_of(light_rays, count, PLANE_TRIANGLE, at), as_float(*word_of(light_rays, count, PLANE_T, at)),
-                                     is_smooth, chance, surface_kept(kept_surfaces, (uint)get_global_id(0)), &rays);
-        float3 light = shading.emitters || of_glass ? vector_of(light_rays, count, PLANE_LIGHT, at) : 0.0f;
-        light += sent_on(&shading, &cache, is_smooth, found);
-        set_vector(light_rays, count, PLANE_LIGHT, at, light * as_float(*word_of(light_rays, count, PLANE_INDIRECT, at)));
-        *sought = RAY_SHADED;
+    uint p = (uint)get_global_id(0);
+    if (p >= room || first + p >= paths[0])
+        return;
+    uint at = paths[1u + first + p];
+    __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
+    bool is_smooth = (*sought & IS_SMOOTH) != 0u;
+    float3 found = path_vector(path_states, room, PATH_SUM, p);
+    if (looks_up(&asked) && *path_word(path_states, room, PATH_STATE, p) == PATH_GOES_ON) {
+        float3 d = path_vector(path_states, room, PATH_DIRECTION, p), radiance;
+        float t = as_float(*path_word(path_states, room, PATH_T, p));
+        cached_radiance(&cache, path_vector(path_states, room, PATH_ORIGIN, p) + d * t,
+                        side_of(&scene, *path_word(path_states, room, PATH_PLACE, p), d), t, &radiance);
+        found += path_vector(path_states, room, PATH_THROUGHPUT, p) * radiance;
     }
-    if (rays)
-        atomic_add(&counters[0], rays);
+    float3 light = asked.emitters || of_glass ? vector_of(light_rays, count, PLANE_LIGHT, at) : 0.0f;
+    light += sent_on(&asked, &cache, is_smooth, found);
+    set_vector(light_rays, count, PLANE_LIGHT, at, light * as_float(*word_of(light_rays, count, PLANE_INDIRECT, at)));
+    *sought = RAY_SHADED;
 }
 
 // Adds up what the light rays of each sample bring, a work-item a sample. counters[0] sums the rays.

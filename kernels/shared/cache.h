@@ -153,12 +153,19 @@ INLINED static bool light_known(const Scene *scene, const Shading *shading, cons
     return t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) && cached_radiance(cache, p, side_of(scene, place, d), t, radiance) >= 0.0f;
 }
 
+// The width at t of the cone of a path's ray, by t: wide, since what a bounce sees is blurred by the next one.
+#define PATH_SPREAD 0.05f
+
+static float spread_of_path(const Shading *shading, bool is_smooth) { return looks_up(shading) && is_smooth ? 0.0f : PATH_SPREAD; }
+
+#if !SINGLE_RAYS
 // Light that a ray from `origin` finds at its hit, without that surface's own, by one path over the bounces that are asked for;
-// with the cache by a single step.
+// with the cache by a single step. ../gpu/paths.cl has it for GPUs.
 INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
-                                    float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
+                                    float t, bool is_smooth, uint seed, uint *rays)
 {
     bool cached = looks_up(shading);
+    float spread = spread_of_path(shading, is_smooth);
     float3 sum = 0.0f, throughput = 1.0f, radiance;
     Step step;
     step.origin = origin;
@@ -166,8 +173,7 @@ INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, 
     step.place = place;
     step.t = t;
     for (uint bounce = 0; bounce < max(shading->bounces, 1u); ++bounce) {
-        // A wide cone: what a bounce sees is blurred by the next one.
-        Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, cached && is_smooth ? 0.0f : 0.05f * step.t);
+        Surface s = surface_at(scene, step.place, step.origin, 0.0f, step.direction, spread * step.t);
         if (s.unlit)
             return sum;
 #if HAS_GLASS
@@ -175,8 +181,7 @@ INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, 
         if (!cached)
             s.transmission = 0.0f;
 #endif
-        *kept = s;
-        take_step(scene, shading, kept, -step.direction, seed + 16u * bounce, &step, rays);
+        take_step(scene, shading, &s, -step.direction, seed + 16u * bounce, &step, rays);
         sum += throughput * step.direct;
         if (!step.goes_on)
             return sum;
@@ -189,14 +194,13 @@ INLINED static float3 light_of_path(const Scene *scene, const Shading *shading, 
     return sum + throughput * radiance;
 }
 
-#if !SINGLE_RAYS
 // Light that a ray from `origin` finds at its hit, without that surface's own: the cache's, or a path's.
 INLINED static float3 light_of_hit(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
-                                   float t, bool is_smooth, uint seed, KEPT Surface *kept, uint *rays)
+                                   float t, bool is_smooth, uint seed, uint *rays)
 {
     float3 radiance;
     if (light_known(scene, shading, cache, origin, d, place, t, is_smooth, &radiance))
         return radiance;
-    return light_of_path(scene, shading, cache, origin, d, place, t, is_smooth, seed, kept, rays);
+    return light_of_path(scene, shading, cache, origin, d, place, t, is_smooth, seed, rays);
 }
 #endif

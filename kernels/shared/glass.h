@@ -2,9 +2,6 @@
 // along refracted rays; light that falls on other surfaces passes it straight (`alpha_passes`).
 #if HAS_GLASS
 
-// Interfaces that a path through glass crosses at most.
-#define GLASS_STEPS 16u
-
 // A direction refracted at a microfacet normal on the side that d comes from; `eta`: index there over that behind.
 static float3 refract_at(float3 d, float3 h, float eta)
 {
@@ -49,34 +46,60 @@ INLINED static Onward cross_glass(const Surface *s, float3 d, float2 u, float ch
 // Whether a path goes through glass here, by chance where it is only partly transmissive.
 static bool passes_glass(const Surface *s, uint seed) { return fraction(hash(seed ^ 0x2545f491u)) < s->transmission; }
 
+// How much light is absorbed a metre along d beyond a surface of glass: nothing outside of a solid.
+static float3 absorbed_beyond(const Surface *s, float3 d)
+{
+    bool inside = s->solid && (dot3(d, s->geometric) < 0.0f) != s->back;
+    return inside ? s->attenuation : 0.0f;
+}
+
+// What a ray meets by chance where it goes on.
+static uint next_in_glass(uint chance) { return hash(chance + 0x9e3779b9u); }
+
+// What is left of a ray's light that has come so far through glass.
+static float3 through_glass(float3 throughput, float3 absorbed, float t)
+{
+    return max3(absorbed) > 0.0f ? throughput * exp(-absorbed * t) : throughput;
+}
+
+static bool may_be_glass(const Scene *scene, uint place)
+{
+    return scene->materials[TRIANGLE_MATERIAL(packed_of(scene, place))].transmission > 0.0f;
+}
+
+// Takes a ray across what it has met, which may be glass, and tells how much of its light is absorbed there; false where it is
+// none by chance.
+INLINED static bool cross_surface(const Scene *scene, Onward *on, uint place, uint chance, float3 *absorbed)
+{
+    Surface s = surface_at(scene, place, on->origin, 0.0f, on->d, 0.0f);
+    if (!passes_glass(&s, chance))
+        return false;
+    float2 u = (float2)(fraction(hash(chance + 1u)), fraction(hash(chance + 2u)));
+    Onward next = cross_glass(&s, on->d, u, fraction(hash(chance + 3u)));
+    next.throughput *= on->throughput;
+    *on = next;
+    *absorbed = absorbed_beyond(&s, next.d);
+    return true;
+}
+
+#if !SINGLE_RAYS
 // Follows a ray from a crossing on until it sees something else, which `place` and `t` tell, seen along `on`; false
-// where that is the background, or nothing is left of its light.
+// where that is the background, or nothing is left of its light. ../gpu/glass.cl has it for GPUs.
 INLINED static bool follow_glass(const Scene *scene, Onward *on, const Surface *from, uint *place, float *t, uint *seed, uint *rays)
 {
-    // Inside of a solid from where it is left behind.
-    bool inside = from->solid && (dot3(on->d, from->geometric) < 0.0f) != from->back;
-    float3 attenuation = from->attenuation;
+    float3 absorbed = absorbed_beyond(from, on->d);
     for (uint step = 0; step < GLASS_STEPS && max3(on->throughput) > 0.0f; ++step) {
         *t = INFINITY;
-        *seed = hash(*seed + 0x9e3779b9u);
+        *seed = next_in_glass(*seed);
         ++*rays;
         if (!trace_ray(scene, on->origin, 0.0f, on->d, t, place, SEEN, *seed))
             return false;
-        if (inside)
-            on->throughput *= exp(-attenuation * *t);
-        if (!(scene->materials[TRIANGLE_MATERIAL(packed_of(scene, *place))].transmission > 0.0f))
+        on->throughput = through_glass(on->throughput, absorbed, *t);
+        if (!may_be_glass(scene, *place) || !cross_surface(scene, on, *place, *seed, &absorbed))
             return true;
-        Surface s = surface_at(scene, *place, on->origin, 0.0f, on->d, 0.0f);
-        if (!passes_glass(&s, *seed))
-            return true;
-        float2 u = (float2)(fraction(hash(*seed + 1u)), fraction(hash(*seed + 2u)));
-        Onward next = cross_glass(&s, on->d, u, fraction(hash(*seed + 3u)));
-        next.throughput *= on->throughput;
-        *on = next;
-        attenuation = s.attenuation;
-        inside = s.solid && (dot3(on->d, s.geometric) < 0.0f) != s.back;
     }
     on->throughput = 0.0f;
     return false;
 }
+#endif
 #endif

@@ -267,19 +267,6 @@ INLINED static Weights weights_of_step(const Scene *scene, const Shading *shadin
     return w;
 }
 
-// The surface of a step and its weights: read once, or on GPUs for each ray before and after it is traced.
-#if SINGLE_RAYS
-#define READ_ONCE
-#define READ_AGAIN \
-    KEPT_SURFACE(s, kept); \
-    Weights w = weights_of_step(scene, shading, s, view)
-#else
-#define READ_ONCE \
-    const Surface *s = kept; \
-    Weights w = weights_of_step(scene, shading, s, view)
-#define READ_AGAIN
-#endif
-
 // Weighs what a ray of a step has found; `coming`: the share of its light that comes.
 INLINED static void weigh_step(const Scene *scene, const Shading *shading, const Surface *s, const Weights *w, float3 view, uint seed, float coming, uint place,
                                StepRay *r, Step *step)
@@ -302,33 +289,45 @@ INLINED static void weigh_step(const Scene *scene, const Shading *shading, const
                                                  : distant_light_of_step(scene, shading, s, r));
 }
 
-// Adds light by rays to punctual lights, to the sun, to an emitter, and one of the mixture, which meets the next surface. Not
-// for unlit surfaces. All of them are traced in one place: graphics cards have the code of each place in registers.
-CALLED INLINED static void take_step(const Scene *scene, const Shading *shading, KEPT const Surface *kept, float3 view, uint seed, Step *step, uint *rays)
+// What a ray of a step is traced as. Emitters are seen by the rays that they are met with: those see surfaces from their fronts.
+static uint kind_of_step(uint sought)
 {
-    READ_ONCE;
+    return sought == FOR_ANYTHING ? CLOSEST_OR_BACK : sought == FOR_EMITTER ? CLOSEST_FRONT : ANY;
+}
+
+// Whether a ray of a step brings nothing; what passes behind a single-sided surface is still kept from the sky by it.
+static bool is_lost(uint sought, float coming, uint place)
+{
+    return sought == FOR_ANYTHING ? place == BACK_MET && coming > 0.0f : !(coming > 0.0f);
+}
+
+// All that a step finds at its surface as it is seen: what its mixture's ray brings, and the light of all sources.
+static float3 light_of_step(const Surface *s, const Weights *w, float3 direct, const Reflection *lit)
+{
+    direct += w->base * lit->diffuse + specular_scale(w->f0) * lit->specular;
+    return direct;
+}
+
+#if !SINGLE_RAYS
+// Adds light by rays to punctual lights, to the sun, to an emitter, and one of the mixture, which meets the next surface. Not
+// for unlit surfaces. ../gpu/paths.cl has it for GPUs.
+CALLED INLINED static void take_step(const Scene *scene, const Shading *shading, const Surface *s, float3 view, uint seed, Step *step, uint *rays)
+{
+    Weights w = weights_of_step(scene, shading, s, view);
     step->lit.diffuse = step->lit.specular = 0.0f;
     step->direct = 0.0f;
     step->goes_on = false;
     for (uint i = 0; i < shading->lights + 3u; ++i) {
         StepRay r;
-        float3 origin;
-        {
-            READ_AGAIN;
-            origin = leave_surface(s);
-            if (!aim_step(scene, shading, s, &w.mixture, view, origin, seed, i, &r))
-                continue;
-        }
-        ++*rays;
-        // Emitters are seen by the rays that they are met with: those see surfaces from their fronts.
-        uint place = NONE, kind = r.sought == FOR_ANYTHING ? CLOSEST_OR_BACK : r.sought == FOR_EMITTER ? CLOSEST_FRONT : ANY;
-        float coming = light_through(scene, shading, origin, r.d, &r.t, &place, kind, seed);
-        // What passes behind a single-sided surface is still kept from the sky by it.
-        if (r.sought == FOR_ANYTHING ? place == BACK_MET && coming > 0.0f : !(coming > 0.0f))
+        float3 origin = leave_surface(s);
+        if (!aim_step(scene, shading, s, &w.mixture, view, origin, seed, i, &r))
             continue;
-        READ_AGAIN;
-        weigh_step(scene, shading, s, &w, view, seed, coming, place, &r, step);
+        ++*rays;
+        uint place = NONE;
+        float coming = light_through(scene, shading, origin, r.d, &r.t, &place, kind_of_step(r.sought), seed);
+        if (!is_lost(r.sought, coming, place))
+            weigh_step(scene, shading, s, &w, view, seed, coming, place, &r, step);
     }
-    READ_AGAIN;
-    step->direct += w.base * step->lit.diffuse + specular_scale(w.f0) * step->lit.specular;
+    step->direct = light_of_step(s, &w, step->direct, &step->lit);
 }
+#endif

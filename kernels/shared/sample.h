@@ -184,12 +184,12 @@ static float3 sent_on(const Shading *shading, const Cache *cache, bool is_smooth
 #if !SINGLE_RAYS
 // The light of a ray, which the surface has sent that it has met at t.
 INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
-                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, KEPT Surface *kept, uint *rays)
+                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, uint *rays)
 {
     float3 light = own_light_of(scene, shading, sample, d, place, t);
     if (sends_light_on(shading))
         light += sent_on(shading, cache, is_smooth,
-                         light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, kept, rays));
+                         light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, rays));
     return light * indirect;
 }
 #endif
@@ -261,7 +261,7 @@ static uint blocker_code(float t) { return (uint)clamp((float)BLOCKER_STEPS * lo
 
 // Looks at what the sample at pixel `at` sees.
 INLINED static void begin_sample(const Scene *scene, const Camera *camera, const Shading *shading, uint index, uint at, HitRecord hit,
-                         Sample *sample)
+                         KEPT Sample *sample)
 {
     float3 d = camera_ray(camera, at & 0xffffu, at >> 16);
     sample->index = index;
@@ -277,24 +277,24 @@ INLINED static void begin_sample(const Scene *scene, const Camera *camera, const
             sample->radiance = background(scene, shading, d);
         return;
     }
-    Surface s = surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
-                           hit.t * pixel_footprint(camera, (float2)(at & 0xffffu, at >> 16) + 0.5f));
-    sample->surface = s;
-    sample->radiance = s.emission;
+    sample->view = -d;
     sample->depth = view_depth(camera, d, hit.t);
-    sample->normal = pack_normal24(s.smooth);
-    if (s.unlit)
+    sample->chance = chance_of(index, camera->seed);
+    keep_surface_at(scene, hit.triangle, load3(camera->origin), load3(camera->origin_low), d,
+                    hit.t * pixel_footprint(camera, (float2)(at & 0xffffu, at >> 16) + 0.5f), &sample->surface);
+    KEPT_SURFACE(s, &sample->surface);
+    sample->radiance = s->emission;
+    sample->normal = pack_normal24(s->smooth);
+    if (s->unlit)
         return;
 #if HAS_NORMAL_MAPS
     uint material = TRIANGLE_MATERIAL(packed_of(scene, hit.triangle));
     sample->mapped = scene->materials[material].textures[2].texture != NONE;
 #endif
     sample->lit = true;
-    sample->view = -d;
-    sample->f0 = specular_color(&s);
-    sample->mixture = mixture_at(scene, &s, shading, sample->f0, -d, !shading->guided, true);
-    sample->origin = leave_surface(&s);
-    sample->chance = chance_of(index, camera->seed);
+    sample->f0 = specular_color(s);
+    sample->mixture = mixture_at(scene, s, shading, sample->f0, sample->view, !shading->guided, true);
+    sample->origin = leave_surface(s);
 }
 
 #if HAS_GLASS
@@ -319,7 +319,7 @@ static float3 light_of_glass(const Sample *sample, uint n, float3 sum)
 
 #if !SINGLE_RAYS
 // Light that comes through a sample's glass.
-INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, KEPT Surface *kept, SampleLight *brought)
+INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample, uint seed, SampleLight *brought)
 {
     const Surface *s = &sample->surface;
     if (!(s->transmission > 0.0f))
@@ -338,7 +338,7 @@ INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, 
             light = background(scene, shading, on.d);
         } else {
             light = surface_at(scene, place, on.origin, 0.0f, on.d, 0.05f * t).emission;
-            light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, true, chance, kept, &rays);
+            light += light_of_hit(scene, shading, cache, on.origin, on.d, place, t, true, chance, &rays);
         }
         sum += on.throughput * light;
     }

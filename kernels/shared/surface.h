@@ -469,24 +469,23 @@ static void place_surface(const Facet *f, float3 w, float3 d, Surface *s)
     }
 }
 
-// The surface where ray d from `origin` meets triangle `place`; `width` is the ray cone's width there.
-CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
+// What is seen at a spot along d but for what layers add.
+INLINED static Surface surface_below_layers(const Scene *scene, const Spot *spot, float3 d)
 {
     Surface s;
-    Facet f = facet_of(scene, place, origin, low);
-    Spot spot = spot_on(scene, &f, d, width);
-    __global const Material *material = f.material;
-    place_surface(&f, spot.weights, d, &s);
-    float3 n = smooth_normal(&spot);
-    s.base = base_at(scene, &spot);
-    s.emission = emission_at(scene, &spot);
+    const Facet *f = spot->facet;
+    __global const Material *material = f->material;
+    place_surface(f, spot->weights, d, &s);
+    float3 n = smooth_normal(spot);
+    s.base = base_at(scene, spot);
+    s.emission = emission_at(scene, spot);
     s.metallic = material->metallic;
     s.roughness = material->roughness;
     s.occlusion = 1.0f;
     s.unlit = material->unlit != 0u;
 #if HAS_TEXTURES
     if (material->textures[1].texture != NONE) {
-        float4 mr = lookup(scene, &material->textures[1], &spot.at);
+        float4 mr = lookup(scene, &material->textures[1], &spot->at);
 #if HAS_LAYERS
         // Specular-glossiness: see scene_buffers/pack.rs.
         if (material->extras & MATERIAL_GLOSSINESS) {
@@ -499,24 +498,33 @@ CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 
         }
     }
     if (material->textures[3].texture != NONE)
-        s.occlusion = mix(1.0f, lookup(scene, &material->textures[3], &spot.at).x, material->occlusion_strength);
+        s.occlusion = mix(1.0f, lookup(scene, &material->textures[3], &spot->at).x, material->occlusion_strength);
 #if HAS_NORMAL_MAPS && HAS_TEXTURES
     if (material->textures[2].texture != NONE)
-        n = mapped_normal(scene, &spot, n);
+        n = mapped_normal(scene, spot, n);
 #endif
 #endif
     if (s.unlit) {
         s.emission = s.base;
         s.base = 0.0f;
     }
-    s.smooth = face_viewer(smooth_normal(&spot), d, f.geometric);
-    s.normal = face_viewer(n, d, f.geometric);
+    s.smooth = face_viewer(smooth_normal(spot), d, f->geometric);
+    s.normal = face_viewer(n, d, f->geometric);
     s.metallic = clamp(s.metallic, 0.0f, 1.0f);
     s.roughness = clamp(s.roughness, 0.0f, 1.0f);
     s.alpha = max(s.roughness * s.roughness, 0.001f);
 #if HAS_GLASS
-    add_glass(scene, &spot, d, &s);
+    add_glass(scene, spot, d, &s);
 #endif
+    return s;
+}
+
+// The surface where ray d from `origin` meets triangle `place`; `width` is the ray cone's width there.
+CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width)
+{
+    Facet f = facet_of(scene, place, origin, low);
+    Spot spot = spot_on(scene, &f, d, width);
+    Surface s = surface_below_layers(scene, &spot, d);
 #if HAS_LAYERS
     add_layers(scene, &spot, d, smooth_normal(&spot), &s);
 #endif
@@ -536,9 +544,44 @@ CALLED INLINED static Surface surface_at(const Scene *scene, uint place, float3 
 typedef char SurfaceFits[sizeof(Surface) <= SURFACE_BYTES ? 1 : -1];
 
 static __global Surface *surface_kept(__global uint *surfaces, uint i) { return (__global Surface *)surfaces + i; }
+// Keeps the surface there. What layers add is found when the rest is in memory, so that registers are free for it.
+INLINED static void keep_surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width, __global Surface *kept)
+{
+    Facet f = facet_of(scene, place, origin, low);
+    Spot spot = spot_on(scene, &f, d, width);
+    Surface s = surface_below_layers(scene, &spot, d);
+    *kept = s;
+#if HAS_LAYERS
+    mem_fence(CLK_GLOBAL_MEM_FENCE);
+    Surface layers;
+    layers.normal = s.normal;
+    layers.alpha = s.alpha;
+    layers.emission = s.emission;
+    add_layers(scene, &spot, d, smooth_normal(&spot), &layers);
+    kept->layered = layers.layered;
+    kept->dielectric = layers.dielectric;
+    if (!layers.layered)
+        return;
+    kept->emission = layers.emission;
+    kept->tinted = layers.tinted;
+    kept->specular = layers.specular;
+    kept->tangent = layers.tangent;
+    kept->alphas = layers.alphas;
+    kept->coat = layers.coat;
+    kept->coat_alpha = layers.coat_alpha;
+    kept->coat_normal = layers.coat_normal;
+    kept->sheen = layers.sheen;
+    kept->sheen_roughness = layers.sheen_roughness;
+#endif
+}
 #else
 #define KEPT
 #define KEPT_SURFACE(name, kept) const Surface *name = (kept)
+
+static void keep_surface_at(const Scene *scene, uint place, float3 origin, float3 low, float3 d, float width, Surface *kept)
+{
+    *kept = surface_at(scene, place, origin, low, d, width);
+}
 #endif
 
 // Where rays that leave the surface start: off it by the rounding of everything that led there.

@@ -245,6 +245,12 @@ typedef struct {
 #define UNTRACED 0xfffffffeu
 #define SUN_VISIBLE 0x80000000u
 #define CACHE_CELLS 0x40000u
+#define CACHE_PATH 0x3u
+#define GLASS_STEPS 0x10u
+#define PATH_QUEUES 0x8u
+#define PATH_WORDS 0x11u
+#define STEP_WORDS 0xcu
+#define PASSED_WORDS 0x10u
 #define MEET_BLENDS 0xffffffffu
 #define MATERIAL_LAYERED 0x1u
 #define MATERIAL_TINTED 0x2u

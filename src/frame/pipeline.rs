@@ -14,8 +14,8 @@
 //!   `trace_pixels` finds each pixel's first hit, `describe_pixels` (`kernels/visibility.cl`) what is seen
 //!   there and whether the sun shines on it, and `share_edges` (`kernels/edges.cl`) what neighbours fill of
 //!   it; k-NN: `trace_samples` finds the samples' hits only
-//! - light (`kernels/cache.cl`): `light_cells` brings light to the cache by a few thousand paths, and
-//!   `settle_cells` takes it in; on each device alike
+//! - light (`kernels/cache.cl`): `light_cells` brings light to the cache by a few thousand paths (on GPUs the kernels of
+//!   `kernels/gpu/cells.cl`), and `settle_cells` takes it in; on each device alike
 //! - shade (`kernels/cpu/shade.cl`): `shade_samples` sends the light rays of each sample and writes its record; on
 //!   GPUs several kernels hand them on in memory (`kernels/gpu/shade.cl`);
 //!   with guided reconstruction and a sun, some of them ask whether a part of its disc is hidden, and how far by

@@ -1,7 +1,7 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 32] {
+pub(super) fn named() -> [(&'static str, u32); 38] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
@@ -16,6 +16,12 @@ pub(super) fn named() -> [(&'static str, u32); 32] {
         ("UNTRACED", UNTRACED),
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
+        ("CACHE_PATH", CACHE_PATH),
+        ("GLASS_STEPS", GLASS_STEPS),
+        ("PATH_QUEUES", PATH_QUEUES),
+        ("PATH_WORDS", PATH_WORDS),
+        ("STEP_WORDS", STEP_WORDS),
+        ("PASSED_WORDS", PASSED_WORDS),
         ("MEET_BLENDS", MEET_BLENDS),
         ("MATERIAL_LAYERED", MATERIAL_LAYERED),
         ("MATERIAL_TINTED", MATERIAL_TINTED),
@@ -77,6 +83,18 @@ pub const BLOCKER_STEPS: u32 = 6;
 pub const BLOCKER_METRE: u32 = 49;
 /// Cells of the cache of light.
 pub const CACHE_CELLS: u32 = 1 << 18;
+/// Vertices of the cache's paths beyond those that the eye sees.
+pub const CACHE_PATH: u32 = 3;
+/// Interfaces that a path through glass crosses at most.
+pub const GLASS_STEPS: u32 = 16;
+/// Vertices of paths that kernels on GPUs can queue for.
+pub const PATH_QUEUES: u32 = 8;
+/// Words of memory of a path there: the planes in `kernels/gpu/paths.cl`.
+pub const PATH_WORDS: u32 = 17;
+/// The same of a ray of a path's step.
+pub const STEP_WORDS: u32 = 12;
+/// The same of what a path of the cache's has found at a vertex, in `kernels/gpu/cells.cl`.
+pub const PASSED_WORDS: u32 = 16;
 /// The seed with which what is seen is every BLEND surface, instead of some by chance.
 pub const MEET_BLENDS: u32 = u32::MAX;
 /// In [`super::Material::extras`]: more than metallic-roughness.

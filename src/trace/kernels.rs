@@ -184,11 +184,42 @@ kernels! {
         queue: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>,
         paths: &Buffer<u32>,
     );
-    /// Follows paths from where it is not known.
-    ShadeLightPaths = shade_light_paths(
-        scene: SceneOf, camera: &Camera, asked: &Shading, of_glass: u32, first_ray: u32, count: u32,
-        states: &Buffer<u32>, light_rays: &Buffer<u32>, paths: &Buffer<u32>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
-        cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
+    /// Begins paths from where it is not known.
+    BeginLightPaths = begin_light_paths(
+        camera: &Camera, asked: &Shading, of_glass: u32, first_ray: u32, count: u32, states: &Buffer<u32>,
+        light_rays: &Buffer<u32>, paths: &Buffer<u32>, first: u32, room: u32, queue: &Buffer<u32>,
+        path_states: &Buffer<u32>,
+    );
+    /// Looks at the surfaces that paths have met.
+    ShadePathVertices = shade_path_vertices(
+        scene: SceneOf, camera: &Camera, shading: &Shading, of_eye: u32, vertex: u32, room: u32, queue: &Buffer<u32>,
+        states: &Buffer<u32>, surfaces: &Buffer<u32>,
+    );
+    /// Aims their rays from there.
+    AimPathRays = aim_path_rays(
+        scene: SceneOf, shading: &Shading, vertex: u32, room: u32, queue: &Buffer<u32>, states: &Buffer<u32>,
+        surfaces: &Buffer<u32>, rays: &Buffer<u32>,
+    );
+    /// Traces them.
+    IntersectPathRays = intersect_path_rays(
+        scene: SceneOf, shading: &Shading, vertex: u32, room: u32, queue: &Buffer<u32>, states: &Buffer<u32>,
+        surfaces: &Buffer<u32>, rays: &Buffer<u32>,
+    );
+    /// Finds what they bring.
+    ShadePathRays = shade_path_rays(
+        scene: SceneOf, shading: &Shading, vertex: u32, room: u32, queue: &Buffer<u32>, states: &Buffer<u32>,
+        surfaces: &Buffer<u32>, rays: &Buffer<u32>,
+    );
+    /// Adds that to what paths of light rays have found, and goes on.
+    ResolveLightVertices = resolve_light_vertices(
+        scene: SceneOf, shading: &Shading, vertex: u32, room: u32, queue: &Buffer<u32>, path_states: &Buffer<u32>,
+        surfaces: &Buffer<u32>, step_rays: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Takes what they have found.
+    ResolveLightPaths = resolve_light_paths(
+        scene: SceneOf, camera: &Camera, asked: &Shading, of_glass: u32, count: u32, light_rays: &Buffer<u32>,
+        paths: &Buffer<u32>, first: u32, room: u32, path_states: &Buffer<u32>, info: &CacheInfo,
+        keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>,
     );
     /// Adds up what they bring.
     ResolveLight = resolve_light(
@@ -200,10 +231,15 @@ kernels! {
         camera: &Camera, asked: &Shading, first_ray: u32, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
         paths: &Buffer<u32>,
     );
-    /// Follows them to what is behind it.
-    FollowGlassRays = follow_glass_rays(
-        scene: SceneOf, shading: &Shading, count: u32, states: &Buffer<u32>, light_rays: &Buffer<u32>,
-        paths: &Buffer<u32>, counters: &Buffer<u32>,
+    /// Traces them.
+    IntersectGlassRays = intersect_glass_rays(
+        scene: SceneOf, count: u32, light_rays: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Has them cross the glass that they have met.
+    CrossGlassSurfaces = cross_glass_surfaces(scene: SceneOf, count: u32, light_rays: &Buffer<u32>);
+    /// Looks at what they see behind it.
+    ShadeGlassHits = shade_glass_hits(
+        scene: SceneOf, shading: &Shading, count: u32, light_rays: &Buffer<u32>, paths: &Buffer<u32>,
     );
     /// Adds up what comes through.
     ResolveGlass = resolve_glass(
@@ -283,7 +319,25 @@ kernels! {
     LightCells = light_cells(
         scene: SceneOf, camera: &Camera, shading_of_view: &Shading, info: &CacheInfo, samples: &Buffer<u32>,
         count: u32, keys: &Buffer<u32>, cells: &Buffer<CacheCell>, sums: &Buffer<CacheSum>, touched: &Buffer<u32>,
-        counters: &Buffer<u32>, kept_surfaces: &Buffer<u32>,
+        counters: &Buffer<u32>,
+    );
+    /// Begins the paths that do, on GPUs.
+    BeginCellPaths = begin_cell_paths(
+        scene: SceneOf, camera: &Camera, info: &CacheInfo, samples: &Buffer<u32>, count: u32, room: u32,
+        queue: &Buffer<u32>, states: &Buffer<u32>, passed: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Notes what they find at their vertices, and goes on.
+    ResolveCellVertices = resolve_cell_vertices(
+        scene: SceneOf, camera: &Camera, shading: &Shading, info: &CacheInfo, vertex: u32, room: u32,
+        queue: &Buffer<u32>, states: &Buffer<u32>, surfaces: &Buffer<u32>, step_rays: &Buffer<u32>,
+        keys: &Buffer<u32>, cells: &Buffer<CacheCell>, passed: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Finds the light that leaves those.
+    WeighCellPaths = weigh_cell_paths(info: &CacheInfo, room: u32, passed: &Buffer<u32>);
+    /// Brings it to the cache.
+    AddCellLight = add_cell_light(
+        scene: SceneOf, camera: &Camera, info: &CacheInfo, room: u32, keys: &Buffer<u32>, cells: &Buffer<CacheCell>,
+        sums: &Buffer<CacheSum>, touched: &Buffer<u32>, passed: &Buffer<u32>, counters: &Buffer<u32>,
     );
     /// Takes in what was brought.
     SettleCells = settle_cells(
@@ -370,58 +424,4 @@ kernels! {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::source;
-    use super::PARAMETERS;
-
-    /// Each declaration of a kernel in a text: name, and parameters without what says nothing of their type.
-    fn declared(text: &str) -> Vec<(String, Vec<(String, String)>)> {
-        let parameter = |written: &str| {
-            let words = written.replace('*', " * ").replace("SCENE_PARAMETERS", "SceneOf scene");
-            let words: Vec<&str> =
-                words.split_whitespace().filter(|word| !["__global", "const"].contains(word)).collect();
-            let (name, kind) = words.split_last().unwrap();
-            (name.to_string(), kind.join(" "))
-        };
-        let declaration = |rest: &str| {
-            let (name, rest) = rest.split_once('(').unwrap();
-            let (parameters, _) = rest.split_once(')').unwrap();
-            (name.trim().to_string(), parameters.split(',').map(parameter).collect())
-        };
-        text.split("__kernel void").skip(1).map(declaration).collect()
-    }
-
-    /// A type of the host's as kernels write it.
-    fn in_opencl(given: &str) -> String {
-        let given = given.replace(' ', "");
-        let buffer = given.strip_prefix("Option<&Buffer<").or_else(|| given.strip_prefix("&Buffer<"));
-        match (buffer.map(|element| element.trim_end_matches('>')), given.as_str()) {
-            (Some("u32" | "[u32;2]"), _) => "uint *".to_string(),
-            (Some("u8"), _) => "uchar *".to_string(),
-            (Some("f32" | "[f32;2]" | "[f32;3]" | "[f32;4]"), _) => "float *".to_string(),
-            (Some(element), _) => format!("{element} *"),
-            (None, "u32") => "uint".to_string(),
-            (None, "&f32") => "float".to_string(),
-            (None, value) => value.trim_start_matches('&').to_string(),
-        }
-    }
-
-    #[test]
-    fn launch_functions_take_what_their_kernels_do() {
-        let text = source::text()
-            + &source::probe_text()
-            + &source::pattern_text()
-            + &source::neighbours_text(4, 24);
-        let declared = declared(&text);
-        for (name, parameters) in PARAMETERS {
-            let given: Vec<(String, String)> =
-                parameters.iter().map(|(name, kind)| (name.to_string(), in_opencl(kind))).collect();
-            let mut variants = declared.iter().filter(|(other, _)| other == name).peekable();
-            assert!(variants.peek().is_some(), "there is no kernel {name}");
-            variants.for_each(|(_, parameters)| assert_eq!(*parameters, given, "{name}"));
-        }
-        for (name, _) in &declared {
-            assert!(PARAMETERS.iter().any(|(other, _)| other == name), "{name} has no launch function");
-        }
-    }
-}
+mod tests;

@@ -19,13 +19,15 @@
 //! differ from the others within the cache's noise. So may what another has left undone and a device does that has begun
 //! with the next view already: its cache is a step ahead.
 
+mod cells;
+
 use crate::error::Result;
 use crate::gpu::opencl::{Buffer, Device, Event, Program, Transfer};
 use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
 
-use super::kernels::{ForgetCells, Grid, LightCells, SceneOf, SettleCells};
-use super::source::SURFACE_BYTES;
+use super::kernels::{ForgetCells, Grid, SceneOf, SettleCells};
 use super::{SceneBuffers, TracePattern, Traversal};
+use cells::{CellLight, Seen};
 
 /// Paths that bring light to the cache in each frame of a view while it is new: fewer learn a view too slowly, however
 /// small it is.
@@ -49,7 +51,7 @@ pub(super) type LookedUp<'a> = (&'a CacheInfo, Option<&'a Buffer<u32>>, Option<&
 /// A device's cache and its kernels.
 #[derive(Debug)]
 pub(super) struct LightCache {
-    light_cells: LightCells,
+    cell_light: CellLight,
     settle_cells: SettleCells,
     forget_cells: ForgetCells,
     traversal: Traversal,
@@ -66,8 +68,6 @@ struct Memory {
     cells: Buffer<CacheCell>,
     sums: Buffer<CacheSum>,
     touched: Buffer<u32>,
-    /// A surface for each path, on GPUs.
-    kept_surfaces: Buffer<u32>,
     /// Rays, and cells in `touched`.
     counters: Buffer<u32>,
 }
@@ -76,7 +76,7 @@ impl LightCache {
     /// An empty cache for the kernels of a program, whose variant is `traversal`.
     pub fn new(program: &Program, traversal: Traversal, scene: &SceneBuffers) -> Result<Self> {
         Ok(LightCache {
-            light_cells: LightCells::of(program)?,
+            cell_light: CellLight::of(program, traversal)?,
             settle_cells: SettleCells::of(program)?,
             forget_cells: ForgetCells::of(program)?,
             traversal,
@@ -119,36 +119,33 @@ impl LightCache {
         shading: &Shading,
         pattern: &TracePattern,
         step: u64,
-    ) -> Result<[Event; 3]> {
+    ) -> Result<Vec<Event>> {
         let memory = match self.memory.take() {
             Some(memory) => memory,
-            None => Memory::new(device, self.traversal)?,
+            None => Memory::new(device)?,
         };
         let memory = self.memory.insert(memory);
         self.info.frame = step as u32;
         self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
         memory.counters.fill_zero()?;
         let (info, group) = (&self.info, self.traversal.group());
-        let Memory { keys, cells, sums, touched, kept_surfaces, counters } = memory;
+        let Memory { keys, cells, sums, touched, counters } = &*memory;
         let settlers = Grid { items: SETTLERS, group };
-        let forget = self.forget_cells.launch(settlers, info, keys, cells)?;
-        let light = self.light_cells.launch(
-            Grid { items: info.paths as usize, group },
-            SceneOf(Some(scene), self.traversal),
-            camera,
-            shading,
-            info,
-            &pattern.samples,
-            pattern.samples.len() as u32,
-            keys,
-            cells,
-            sums,
-            touched,
-            counters,
-            kept_surfaces,
-        )?;
-        let settle = self.settle_cells.launch(settlers, info, cells, sums, touched, counters)?;
-        Ok([forget, light, settle])
+        let mut events = vec![self.forget_cells.launch(settlers, info, keys, cells)?];
+        let seen = Seen { scene: SceneOf(Some(scene), self.traversal), camera, shading, pattern };
+        events.extend(self.cell_light.enqueue(device, seen, info, memory)?);
+        events.push(self.settle_cells.launch(settlers, info, cells, sums, touched, counters)?);
+        Ok(events)
+    }
+
+    /// The memory that paths under way need on GPUs, in bytes.
+    pub fn bytes_under_way() -> u64 {
+        cells::bytes_under_way()
+    }
+
+    /// The names of kernels of a variant that may need memory of their own.
+    pub fn kernels(traversal: Traversal) -> &'static [&'static str] {
+        CellLight::kernels(traversal)
     }
 
     /// Starts reading the rays of the last update, the first of two numbers; none before any.
@@ -158,15 +155,13 @@ impl LightCache {
 }
 
 impl Memory {
-    fn new(device: &Device, traversal: Traversal) -> Result<Self> {
-        let paths = if traversal == Traversal::SingleRay { PATHS as usize } else { 0 };
+    fn new(device: &Device) -> Result<Self> {
         let cells = CACHE_CELLS as usize;
         Ok(Memory {
             keys: Buffer::zeroed(device, cells)?,
             cells: Buffer::zeroed(device, cells)?,
             sums: Buffer::zeroed(device, cells)?,
             touched: Buffer::new(device, cells)?,
-            kept_surfaces: Buffer::new(device, paths * SURFACE_BYTES / size_of::<u32>())?,
             counters: Buffer::new(device, 2)?,
         })
     }

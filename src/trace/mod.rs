@@ -22,6 +22,7 @@ mod moving_looks;
 mod moving_materials;
 mod moving_parts;
 pub mod numbers;
+mod paths;
 pub mod pattern_maker;
 pub mod probe;
 mod rebuild;

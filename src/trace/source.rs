@@ -31,12 +31,12 @@ use crate::scene::Features;
 /// Bytes of memory set aside for a sample that is being shaded: `ShadedSample` in `kernels/gpu/shade.cl`, whose size depends on
 /// the features.
 pub(super) const STATE_BYTES: usize = 768;
-/// The same for the surface that a ray leaves while it is traced: `Surface` in `kernels/shared/surface.h`.
-pub(super) const SURFACE_BYTES: usize = 512;
+/// The same for the surface that a path has met, while the rays that leave it are traced: `Surface` in `kernels/shared/surface.h`.
+pub(super) const SURFACE_BYTES: usize = 304;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 43] = [
+const FILES: [&str; 46] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -71,7 +71,10 @@ const FILES: [&str; 43] = [
     include_str!("../../kernels/shared/edge.h"),
     include_str!("../../kernels/edges.cl"),
     include_str!("../../kernels/gpu/edges.cl"),
+    include_str!("../../kernels/gpu/paths.cl"),
     include_str!("../../kernels/cache.cl"),
+    include_str!("../../kernels/cpu/cells.cl"),
+    include_str!("../../kernels/gpu/cells.cl"),
     include_str!("../../kernels/shared/sample.h"),
     include_str!("../../kernels/cpu/shade.cl"),
     include_str!("../../kernels/gpu/shade.cl"),

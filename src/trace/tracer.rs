@@ -261,7 +261,7 @@ impl Tracer {
         settings: &Settings,
         pattern: &TracePattern,
         step: u64,
-    ) -> Result<[Event; 3]> {
+    ) -> Result<Vec<Event>> {
         let camera = camera(view, self.anchor, settings);
         let shading = self.shading(&Settings { bounces: 0, ..*settings });
         self.light.update(&self.device, &self.scene, &camera, &shading, pattern, step)

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3, Vec4};
 use crate::bench::{Bench, EVERYTHING, PLAIN, all_pixels, on_every_device};
 use crate::cases::lights;
 use crate::guided::{eye, light, still_life};
-use crate::scenes::{cuboid, floor, matt, metal, quad, scene_of};
+use crate::scenes::{cuboid, floor, mapped, matt, metal, quad, scene_of, texture};
 
 fn glass() -> Glass {
     let attenuation = Vec3::new(0.2, 1.0, 2.0);
@@ -171,5 +171,37 @@ fn both_variants_mirror_the_same() {
             assert!(shown * 3 > view.pixels() && off * 100 <= shown, "{name}: {off} of {shown}");
             assert!(rays.abs_diff(own) * 500 <= rays, "{name}: {rays} and {own} rays");
         }
+    });
+}
+
+/// A room with a pattern on its walls, so fine that it blurs over the cones of paths.
+fn papered_room() -> Scene {
+    let walls = Material { base_color_texture: mapped(0, 16.0), double_sided: true, ..matt(0.9) };
+    let mut scene = scene_of(vec![walls, matt(0.5)]);
+    scene.textures = vec![texture(false, |i| if i * 7 % 3 == 0 { [255; 4] } else { [8, 8, 8, 255] })];
+    // The eye is inside.
+    cuboid(&mut scene, Vec3::new(-2.0, -0.1, -2.0), Vec3::new(2.0, 3.2, 3.6), 0);
+    floor(&mut scene, 1.9, 0.0, 1);
+    scene.lights = lights();
+    scene
+}
+
+/// What paths find on surfaces is as wide as their rays' cones are there.
+#[test]
+fn both_variants_blur_what_paths_meet_the_same() {
+    on_every_device(|device| {
+        let (scene, light, view) = (papered_room(), light(), eye());
+        let pattern = all_pixels(&view);
+        let settings = Settings { rays: 16, bounces: 2, ..PLAIN };
+        let [packet, single] = [Traversal::Packet, Traversal::SingleRay].map(|variant| {
+            let mut bench = Bench::walking(device, &scene, &light, &EVERYTHING, variant);
+            let picture = bench.trace(&view, &settings, &pattern);
+            // From all surfaces rays to lights and on, twice.
+            assert!(picture.rays > 60 * pattern.samples.len() as u64, "{} rays", picture.rays);
+            picture.samples
+        });
+        let off = packet.iter().zip(&single).filter(|(a, b)| !alike(a, b)).count();
+        println!("{off} of {} samples differ", packet.len());
+        assert!(off * 200 <= packet.len(), "{off} of {} samples differ", packet.len());
     });
 }

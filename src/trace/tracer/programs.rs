@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::gpu::opencl::{Device, DeviceInfo, Kernel, Program};
 use crate::isolated;
 use crate::scene::Features;
+use crate::trace::light_cache::LightCache;
 use crate::trace::{Traversal, Traversals, self_test, source};
 
 /// Built kernels of the variants that a device uses.
@@ -71,7 +72,7 @@ impl Programs {
     pub(super) fn working_memory(&self, info: &DeviceInfo) -> Result<u64> {
         let rays = match self.traversals.bundles {
             Traversal::Packet => 0,
-            Traversal::SingleRay => shading::bytes_under_way(info),
+            Traversal::SingleRay => shading::bytes_under_way(info) + LightCache::bytes_under_way(),
         };
         let mirrored = match self.traversals.pixels {
             Traversal::SingleRay if self.features.glossy => mirrors::bytes_under_way(info),
@@ -92,7 +93,8 @@ impl Programs {
             kernels.push(self.pixels.kernel(name)?);
         }
         let bundles = self.bundles.as_ref().unwrap_or(&self.pixels);
-        for name in SampleShading::kernels(self.traversals.bundles).iter().chain(&["light_cells"]) {
+        let traversal = self.traversals.bundles;
+        for name in SampleShading::kernels(traversal).iter().chain(LightCache::kernels(traversal)) {
             kernels.push(bundles.kernel(name)?);
         }
         Ok(kernels.iter().map(Kernel::private_bytes).max().unwrap_or(0))

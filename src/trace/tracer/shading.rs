@@ -1,5 +1,8 @@
 //! Shading of samples: one kernel where rays travel in packets, and for GPUs several that hand light rays on in memory.
 
+mod glass;
+mod light_paths;
+
 use super::{Hardware, Step};
 use crate::error::Result;
 use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Program};
@@ -7,15 +10,19 @@ use crate::layout::{self, HitRecord, SampleRecord, VisibilityRecord};
 use crate::trace::Traversal;
 use crate::trace::hardware::{GROUP, RAY_WORDS};
 use crate::trace::kernels::{
-    BeginSamples, EndSamples, FollowGlassRays, GenerateGlassRays, GenerateLightRays, Grid,
-    IntersectLightRays, ResolveGlass, ResolveLight, SceneOf, ShadeLightHits, ShadeLightPaths, ShadePunctual,
-    ShadeSamples, TraceSunRays,
+    BeginSamples, EndSamples, GenerateLightRays, Grid, IntersectLightRays, ResolveLight, SceneOf,
+    ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
 };
 use crate::trace::light_cache::LookedUp;
-use crate::trace::source::{STATE_BYTES, SURFACE_BYTES};
+use crate::trace::paths::{self, PathMemory, STEP_RAYS, rays_of_step};
+use crate::trace::source::STATE_BYTES;
+use glass::Glass;
+use light_paths::{Followed, LightPaths};
 
 /// Light rays of a sample that are under way together.
 const BATCH: usize = GROUP;
+/// Paths of a sample that are followed together.
+const PATHS: usize = 4;
 /// Work-items that a unit of a graphics card can have resident at most: NVIDIA's limit from compute capability 7.0 on, but for
 /// 7.5 and 8.x, which have fewer.
 pub(super) const RESIDENT: u64 = 2048;
@@ -60,9 +67,14 @@ impl SampleShading {
                 "trace_sun_rays",
                 "intersect_light_rays",
                 "shade_light_hits",
-                "shade_light_paths",
+                "shade_path_vertices",
+                "aim_path_rays",
+                "intersect_path_rays",
+                "shade_path_rays",
                 "shade_punctual",
-                "follow_glass_rays",
+                "intersect_glass_rays",
+                "cross_glass_surfaces",
+                "shade_glass_hits",
             ],
         }
     }
@@ -110,7 +122,7 @@ pub(in crate::trace) struct Wavefront {
     generate_light_rays: GenerateLightRays,
     intersect_light_rays: IntersectLightRays,
     shade_light_hits: ShadeLightHits,
-    shade_light_paths: ShadeLightPaths,
+    light_paths: LightPaths,
     resolve_light: ResolveLight,
     shade_punctual: ShadePunctual,
     glass: Glass,
@@ -128,8 +140,8 @@ struct Memory {
     queue: Buffer<u32>,
     /// Those of them that paths are followed for.
     paths: Buffer<u32>,
-    /// A surface for each work-item that looks at hits.
-    kept_surfaces: Buffer<u32>,
+    /// Some of those paths, which are under way together.
+    followed: PathMemory,
 }
 
 impl Wavefront {
@@ -140,7 +152,7 @@ impl Wavefront {
             generate_light_rays: GenerateLightRays::of(program)?,
             intersect_light_rays: IntersectLightRays::of(program)?,
             shade_light_hits: ShadeLightHits::of(program)?,
-            shade_light_paths: ShadeLightPaths::of(program)?,
+            light_paths: LightPaths::of(program)?,
             resolve_light: ResolveLight::of(program)?,
             shade_punctual: ShadePunctual::of(program)?,
             glass: Glass::of(program)?,
@@ -158,11 +170,13 @@ impl Wavefront {
         let most = samples_under_way(device.info());
         let most = hardware.as_ref().map_or(most, |by| by.most_samples().min(most));
         let needed = (work.count as usize).min(most).max(1);
-        if self.memory.as_ref().is_none_or(|memory| memory.samples < needed) {
+        let suits =
+            |memory: &Memory| memory.samples >= needed && memory.followed.room(work.shading.lights) > 0;
+        if !self.memory.as_ref().is_some_and(suits) {
             // What is queued keeps the old one as long as it needs it.
             self.memory = None;
             let room = needed.next_power_of_two().min(most);
-            self.memory = Some(Memory::new(device, room, hardware.is_none())?);
+            self.memory = Some(Memory::new(device, room, work.shading.lights, hardware.is_none())?);
         }
         if let Some(by) = &mut hardware {
             by.reserve(device, needed)?;
@@ -292,93 +306,19 @@ impl Wavefront {
         }
         if shading.bounces > 0 || shading.cached > 0 {
             let paths = if knows_some { paths } else { queue };
-            self.follow_paths(work, memory, (rays, paths), (false, first_ray), events)?;
-        }
-        Ok(())
-    }
-
-    /// Enqueues what follows the paths of queued rays, which have passed glass or not, and are those of samples from one on.
-    fn follow_paths(
-        &self,
-        work: &Work,
-        memory: &Memory,
-        (rays, paths): (&Buffer<u32>, &Buffer<u32>),
-        (of_glass, first_ray): (bool, u32),
-        events: &mut Vec<Step>,
-    ) -> Result<()> {
-        let Memory { states, kept_surfaces, .. } = memory;
-        let Work { scene, camera, shading, count, counters, .. } = *work;
-        let (info, keys, cells) = work.light;
-        let followed = self.shade_light_paths.launch(
-            of_hits(count),
-            scene,
-            camera,
-            shading,
-            u32::from(of_glass),
-            first_ray,
-            count,
-            states,
-            rays,
-            paths,
-            info,
-            keys,
-            cells,
-            counters,
-            kept_surfaces,
-        )?;
-        events.push(followed.into());
-        Ok(())
-    }
-
-    /// Enqueues what follows rays through glass.
-    fn shade_glass(
-        &self,
-        work: &Work,
-        memory: &Memory,
-        rays: &Buffer<u32>,
-        events: &mut Vec<Step>,
-    ) -> Result<()> {
-        let Memory { states, paths, .. } = memory;
-        let Work { scene, camera, shading, count, counters, .. } = *work;
-        let group = Traversal::SingleRay.group();
-        let of_samples = Grid { items: count as usize, group };
-        let of_rays = Grid { items: count as usize * BATCH, group };
-        let Glass { generate_glass_rays, follow_glass_rays, resolve_glass } = &self.glass;
-        for first_ray in (0..rays_through_glass(shading)).step_by(BATCH) {
-            let entered = generate_glass_rays
-                .launch(of_rays, camera, shading, first_ray, count, states, rays, paths)?;
-            let followed =
-                follow_glass_rays.launch(of_rays, scene, shading, count, states, rays, paths, counters)?;
-            events.extend([entered.into(), followed.into()]);
-            self.follow_paths(work, memory, (rays, paths), (true, first_ray), events)?;
-            let resolved = resolve_glass.launch(of_samples, shading, first_ray, count, states, rays)?;
-            events.push(resolved.into());
+            let of_each = rays_that_meet(shading, first_ray);
+            let followed = Followed { states, rays, paths, of_glass: false, first_ray, of_each };
+            self.light_paths.enqueue(work, &followed, &memory.followed, events)?;
         }
         Ok(())
     }
 }
 
-/// The kernels of `kernels/gpu/glass.cl`.
-#[derive(Debug)]
-struct Glass {
-    generate_glass_rays: GenerateGlassRays,
-    follow_glass_rays: FollowGlassRays,
-    resolve_glass: ResolveGlass,
-}
-
-impl Glass {
-    fn of(program: &Program) -> Result<Self> {
-        Ok(Glass {
-            generate_glass_rays: GenerateGlassRays::of(program)?,
-            follow_glass_rays: FollowGlassRays::of(program)?,
-            resolve_glass: ResolveGlass::of(program)?,
-        })
-    }
-}
-
-/// Rays through the glass of a sample: as `rays_through_glass` in `kernels/shared/sample.h`.
-fn rays_through_glass(shading: &layout::Shading) -> u32 {
-    ((shading.rays - rays_to_sun(shading)) / 2).max(1)
+/// Of 32 rays of a sample from number `first_ray` on, those that may meet a surface whose light is not known: with the cache the
+/// quarter that `is_looking` in `kernels/shared/sample.h` has look for surfaces.
+fn rays_that_meet(shading: &layout::Shading, first_ray: u32) -> u32 {
+    let rays = (shading.rays - rays_to_sun(shading) - first_ray).min(BATCH as u32);
+    if shading.cached > 0 { rays.min(BATCH as u32 / 4) } else { rays }
 }
 
 /// A work-item for each of the lanes that look at what so many samples' rays have met.
@@ -409,7 +349,7 @@ pub(super) fn samples_under_way(info: &DeviceInfo) -> usize {
 /// Bytes of memory for so many samples under way.
 fn bytes_of(samples: usize) -> u64 {
     let words = samples * BATCH * (RAY_WORDS + 2);
-    (samples * STATE_BYTES + words * size_of::<u32>() + lanes_of_hits(samples) * SURFACE_BYTES) as u64
+    (samples * STATE_BYTES + words * size_of::<u32>()) as u64 + paths::bytes_of(samples * PATHS)
 }
 
 /// The memory that is needed at most, in bytes.
@@ -424,7 +364,7 @@ impl Memory {
     }
 
     /// Without rays where they lie in memory of others.
-    fn new(device: &Device, samples: usize, with_rays: bool) -> Result<Self> {
+    fn new(device: &Device, samples: usize, lights: u32, with_rays: bool) -> Result<Self> {
         let rays = if with_rays { samples * BATCH } else { 0 };
         Ok(Memory {
             samples,
@@ -432,7 +372,11 @@ impl Memory {
             rays: Buffer::new(device, rays * RAY_WORDS)?,
             queue: Buffer::new(device, 1 + rays)?,
             paths: Buffer::new(device, 1 + samples * BATCH)?,
-            kept_surfaces: Buffer::new(device, lanes_of_hits(samples) * SURFACE_BYTES / size_of::<u32>())?,
+            followed: PathMemory::new(
+                device,
+                samples * PATHS,
+                (samples * PATHS * STEP_RAYS).max(rays_of_step(lights)),
+            )?,
         })
     }
 }
