@@ -40,6 +40,13 @@ static int least_of(int16 v) {
     return min(rest.x, rest.y);
 }
 
+static uint greatest_of(uint16 v) {
+    const uint8 halves = max(v.lo, v.hi);
+    const uint4 quarters = max(halves.lo, halves.hi);
+    const uint2 rest = max(quarters.lo, quarters.hi);
+    return max(rest.x, rest.y);
+}
+
 static int cells_of(Box box) { return (box.right - box.left + 1) * (box.bottom - box.top + 1); }
 
 // A box with so many cells more to the left, to the right, above and below, as far as there are.
@@ -59,7 +66,13 @@ static Box box_of(Grid grid, int16 x, int16 y) {
 static Box grown(Grid grid, Box box, int16 x, int16 y, uint16 worst, int step) {
     const int16 left = x - (box.left << grid.shift) + 1, right = ((box.right + 1) << grid.shift) - x;
     const int16 above = y - (box.top << grid.shift) + 1, below = ((box.bottom + 1) << grid.shift) - y;
-    const int4 by = {any_lane(worst >= as_uint16(left * left)), any_lane(worst >= as_uint16(right * right)),
-                     any_lane(worst >= as_uint16(above * above)), any_lane(worst >= as_uint16(below * below))};
-    return widened(grid, box, by * step);
+    const int4 sides = (int4)(any_lane(worst >= as_uint16(left * left)), any_lane(worst >= as_uint16(right * right)),
+                              any_lane(worst >= as_uint16(above * above)), any_lane(worst >= as_uint16(below * below)));
+    if (step == 1) {
+        return widened(grid, box, sides);
+    }
+    // Large steps end where the root does.
+    const int reach = (int)sqrt(convert_float(greatest_of(worst))) + 1;
+    const int4 off = (int4)(least_of(left), least_of(right), least_of(above), least_of(below));
+    return widened(grid, box, sides * min(max((reach - off) >> (int)grid.shift, 0) + 1, step));
 }

@@ -44,23 +44,22 @@ __kernel void nearest_to_pixels(uint width, uint height, uint count, uint shift,
         return;
     }
     const Grid grid = grid_of(width, height, shift, sorted, starts + first_start);
-    const int16 lane = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    const int16 lane = (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     const int16 x = min((int)left + (lane & 3), (int)width - 1), y = min((int)top + (lane >> 2), (int)height - 1);
     uint16 squares[PIXEL_LIST], owners[PIXEL_LIST];
     if (count > MOST_NARROW || !nearest_to_block(grid, x, y, squares, owners)) {
         nearest_to_block_far(grid, x, y, squares, owners);
     }
-    const float16 reach = native_sqrt(convert_float16(squares[PIXEL_LIST - 1]));
+    const float16 reach = sqrt(convert_float16(squares[PIXEL_LIST - 1]));
     float16 shares[PIXEL_LIST - 1], sum = 0.0f;
     for (int j = 0; j < PIXEL_LIST - 1; ++j) {
-        shares[j] = weight_of(weights, native_sqrt(convert_float16(squares[j])), reach);
+        shares[j] = weight_of(weights, sqrt(convert_float16(squares[j])), reach);
         sum += shares[j];
     }
-    const float16 share_of_one = 1.0f / sum;
     const uint across = min(width - left, 4u), down = min(height - top, 4u);
     for (int j = 0; j < PIXEL_LIST - 1; ++j) {
         // All as far as `reach`: all alike.
-        const float16 share = sum > 0.0f ? shares[j] * share_of_one : 1.0f / (float)(PIXEL_LIST - 1);
+        const float16 share = sum > 0.0f ? shares[j] / sum : 1.0f / (float)(PIXEL_LIST - 1);
         const size_t at = ((size_t)j * height + top) * width + left;
         write_block(owners[j], indices + at, width, across, down);
         write_block(as_uint16(share), (__global uint *)pixel_weights + at, width, across, down);

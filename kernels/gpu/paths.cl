@@ -1,4 +1,4 @@
-// Paths on GPUs, from surface to surface: as `light_of_path` of ../shared/cache.h and `pass_surfaces` of ../cpu/cache.cl have them
+// Paths on GPUs, from surface to surface: as `light_of_path` of ../shared/cache.h and `pass_surfaces` of ../cpu/cells.cl have them
 // for the other variant, in kernels that hand on in memory what a path's next part needs (after Laine, Karras and Aila 2013,
 // and the wavefront integrator of pbrt-v4). No loop goes around all that a work-item does, which by itself costs registers. Those
 // who follow paths begin them (shade.cl, cells.cl), and then for each vertex, which is a surface that a path meets:
@@ -51,8 +51,8 @@ typedef char StepRayFits[STEP_PLACE + 1u == STEP_WORDS ? 1 : -1];
 #define FOR_NOTHING 4u
 #define IS_LOST 5u
 
-// A queue of paths for each vertex: how many, for up to PATH_QUEUES vertices, and behind that the paths, of every other vertex in
-// the same place.
+// How many paths have come to each of up to PATH_QUEUES vertices, and behind that two lists of them, which are used in turn: even
+// vertices have the first, odd ones the second.
 
 static uint steps_of(const Shading *shading) { return shading->lights + 3u; }
 

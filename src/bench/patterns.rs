@@ -11,14 +11,14 @@ use crate::gpu::opencl::Device;
 use crate::gpu::vulkan::Context;
 use crate::isolated::{self, PATIENCE};
 use crate::private_file::user_folder;
-use crate::trace::pattern_maker::{Lists, Neighbours};
+use crate::trace::pattern_maker::{NeighbourLists, Neighbours};
 use crate::trace::source;
 
 /// Whether a device makes patterns as it should, and finds neighbours where these are wanted.
 ///
 /// # Errors
 /// Why it does not.
-pub fn tried(device: &Device, neighbours: Option<&(Context, Lists)>) -> Result<(), String> {
+pub fn tried(device: &Device, neighbours: Option<&(Context, NeighbourLists)>) -> Result<(), String> {
     let folder = user_folder().map(|folder| folder.join("traversals"));
     isolated::program().map_or(Ok(()), |program| tried_by(program, device, neighbours, folder.as_deref()))
 }
@@ -26,7 +26,7 @@ pub fn tried(device: &Device, neighbours: Option<&(Context, Lists)>) -> Result<(
 fn tried_by(
     program: &Path,
     device: &Device,
-    neighbours: Option<&(Context, Lists)>,
+    neighbours: Option<&(Context, NeighbourLists)>,
     folder: Option<&Path>,
 ) -> Result<(), String> {
     let path =
@@ -41,14 +41,21 @@ fn tried_by(
 }
 
 /// What a trial depends on.
-fn patterns_key(device: &Device, neighbours: Option<&(Context, Lists)>) -> u128 {
+fn patterns_key(device: &Device, neighbours: Option<&(Context, NeighbourLists)>) -> u128 {
     let mut hash = Xxh3::new();
     hash.update(&key(device).to_le_bytes());
-    hash.update(source::pattern_text().as_bytes());
-    let found = neighbours.filter(|(context, _)| Neighbours::are_found_by(device, context));
+    // Groups follow from the device's kind.
+    hash.update((source::pattern_text() + &source::pattern_options(0)).as_bytes());
+    let found = neighbours.filter(|(context, _)| Neighbours::is_faster_on(device, context));
     if let Some((context, lists)) = found {
-        hash.update(context.report().name.as_bytes());
-        hash.update(&[lists.weights as u8]);
+        let report = context.report();
+        for text in [report.name.as_str(), &report.api_version] {
+            hash.update(text.as_bytes());
+            hash.update(&[0]);
+        }
+        hash.update(&report.driver_version.to_le_bytes());
+        hash.update(&report.uuid);
+        hash.update(&lists.weights.to_le_bytes());
         hash.update(source::neighbours_text(lists.of_pixel, lists.of_sample).as_bytes());
     }
     hash.digest128()

@@ -13,7 +13,7 @@ use crate::gpu::opencl::{Device, device};
 use crate::gpu::vulkan::{Context, ContextOptions};
 use crate::isolated::{self, Failure, stage};
 use crate::scene::Features;
-use crate::trace::pattern_maker::{Lists, PatternMaker};
+use crate::trace::pattern_maker::{NeighbourLists, PatternMaker};
 use crate::trace::{Traversal, Traversals, try_kernels};
 
 /// What another process is to try.
@@ -51,7 +51,7 @@ pub enum What {
     /// Patterns, and their neighbours where a Vulkan device, as above, wants these.
     Patterns {
         /// Which device, and which neighbours.
-        neighbours: Option<((String, [u8; 16]), Lists)>,
+        neighbours: Option<((String, [u8; 16]), NeighbourLists)>,
     },
 }
 
@@ -140,10 +140,10 @@ pub fn ray_queries(
 pub fn patterns(
     program: &Path,
     device: &Device,
-    neighbours: Option<&(Context, Lists)>,
+    neighbours: Option<&(Context, NeighbourLists)>,
     patience: Duration,
 ) -> Result<(), String> {
-    let named = |(context, lists): &(Context, Lists)| {
+    let named = |(context, lists): &(Context, NeighbourLists)| {
         let report = context.report();
         ((report.name.clone(), report.uuid), *lists)
     };

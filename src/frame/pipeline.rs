@@ -337,7 +337,7 @@ impl Renderer {
     fn reconstruct_by(&mut self, settings: reconstruct::Settings) -> Result<()> {
         if *self.reconstruction.settings() != settings {
             self.reconstruction = Reconstruction::new(&self.context, settings)?;
-            self.patterns.look_for(settings.lists());
+            self.patterns.set_lists(settings.lists());
             self.views.clear();
         }
         Ok(())

@@ -30,6 +30,7 @@ use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};
 use crate::layout::{MAX_MOVERS, SampleRecord};
 use crate::math::view::View;
+use crate::trace::pattern_maker::Neighbours;
 
 /// Bytes of a sample's ages and means, as `kernels/accumulate.wgsl` has them.
 const HISTORY_BYTES: usize = 32;
@@ -74,6 +75,8 @@ struct Kept {
     buffers: Buffers,
     positions: BufferRef,
     indices: BufferRef,
+    /// Who lends their memory.
+    _lent: Option<Arc<Neighbours>>,
     /// See [`super::Frame::movers`].
     movers: Arc<[Option<DMat4>]>,
 }
@@ -202,6 +205,7 @@ impl Accumulate {
             buffers,
             positions: tables.positions().clone(),
             indices: tables.bands()[0].indices.clone(),
+            _lent: tables.bands()[0].lent.clone(),
             movers: fresh.movers.clone(),
         };
         let (last, lent) = (history.last.as_ref().unwrap_or(&now), other.unwrap_or(&now));

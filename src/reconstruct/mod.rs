@@ -45,7 +45,7 @@ use crate::error::Result;
 use crate::gpu::vulkan::{Attachments, BufferRef, Commands, Context, HostBuffer, PassPipeline, StageTime};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
-use crate::trace::pattern_maker::Searched;
+use crate::trace::pattern_maker::PatternTables;
 use denoise::Denoise;
 use history::{Accumulate, Fresh, History};
 use magnify::Magnify;
@@ -150,7 +150,7 @@ impl Reconstruction {
         view: usize,
         size: (u32, u32),
         samples: &[u32],
-        searched: Option<Searched>,
+        searched: Option<PatternTables>,
     ) -> Result<()> {
         assert!(view <= self.views.len(), "view {view} comes before view {}", self.views.len());
         if view == self.views.len() {

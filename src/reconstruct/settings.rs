@@ -2,7 +2,7 @@
 
 use super::history::Reuse;
 use crate::error::{Error, Result};
-use crate::trace::pattern_maker::Lists;
+use crate::trace::pattern_maker::NeighbourLists;
 
 /// Most samples that a pixel averages.
 pub const MAX_K: u32 = 16;
@@ -127,9 +127,8 @@ impl Settings {
         Ok(())
     }
 
-    /// The guided mode's settings, or the default ones, unused, in the other mode.
     /// The neighbours that patterns are wanted with.
-    pub fn lists(&self) -> Lists {
+    pub fn lists(&self) -> NeighbourLists {
         let of_sample = match self.mode {
             Mode::Guided(guided) => guided.neighbours,
             Mode::KNearest => 1,
@@ -139,9 +138,10 @@ impl Settings {
             Weights::Gaussian => 1,
             Weights::Inverse => 2,
         };
-        Lists { of_pixel: self.k, of_sample, weights }
+        NeighbourLists { of_pixel: self.k, of_sample, weights }
     }
 
+    /// The guided mode's settings, or the default ones, unused, in the other mode.
     pub(super) fn guided(&self) -> GuidedSettings {
         match self.mode {
             Mode::Guided(guided) => guided,

@@ -10,6 +10,8 @@
 //! thirds of the time before (it seems that lavapipe reads lane by lane in loops all the same). Where a processor
 //! both traces and presents, `src/trace/pattern_maker/neighbours.rs` finds them in a fifth of the time, but for a view's first pattern.
 
+mod bands;
+
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -18,11 +20,11 @@ use super::settings::{PREPARED_BYTES, Settings};
 use super::{Mode, shaders};
 use crate::error::{Error, Result};
 use crate::foveation::{Cells, one_to_one};
-use crate::gpu::vulkan::{
-    BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer, StageTime,
-};
-use crate::layout::{SampleRecord, VisibilityRecord};
-use crate::trace::pattern_maker::{Neighbours, Searched};
+use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, HostBuffer, StageTime};
+use crate::layout::SampleRecord;
+use crate::trace::pattern_maker::{Neighbours, PatternTables};
+pub(super) use bands::Band;
+use bands::{band_rows, device, empty_bands};
 
 /// Pixels across and down a block that shares a search radius, as in neighbours.wgsl.
 const BLOCK: u32 = 4;
@@ -78,21 +80,6 @@ impl Finders {
     }
 }
 
-/// Rows of the view whose tables are in buffers of their own, each within one binding's reach.
-pub(super) struct Band {
-    pub first_row: u32,
-    pub rows: u32,
-    /// `[neighbour][pixel]`: indices of samples, nearest first.
-    pub indices: BufferRef,
-    /// `[neighbour][pixel]`: weights.
-    pub weights: BufferRef,
-    /// The samples that the indices name lie in this range.
-    pub first_sample: u32,
-    pub samples: usize,
-    /// Who lends the memory, if it is not this room's: not written to as long as it is kept.
-    lent: Option<Arc<Neighbours>>,
-}
-
 /// What a view's frames need of its pattern.
 pub(super) struct Tables {
     pub width: u32,
@@ -118,11 +105,6 @@ pub(super) struct Tables {
     /// Room for as many samples more, once a pass has needed it.
     exchanged: Option<BufferRef>,
     commands: Commands,
-}
-
-/// A buffer of the device's own.
-fn device(context: &Context, size: usize) -> Result<BufferRef> {
-    Ok(BufferRef::from(&DeviceBuffer::new(context, size)?))
 }
 
 /// Records copying values to memory that the device reads fast, if the host's is not such.
@@ -213,7 +195,7 @@ impl Tables {
         finders: &Finders,
         size: (u32, u32),
         samples: &[u32],
-        searched: Option<Searched>,
+        searched: Option<PatternTables>,
     ) -> Result<()> {
         let started = self.start(context, settings, finders, size, samples, searched);
         if started.is_err() {
@@ -231,14 +213,14 @@ impl Tables {
         finders: &Finders,
         (width, height): (u32, u32),
         samples: &[u32],
-        searched: Option<Searched>,
+        searched: Option<PatternTables>,
     ) -> Result<()> {
         check_size(context, (width, height))?;
         let map = one_to_one(width, height, samples);
         check_count(context, settings, (width, height), samples.len(), map.is_some())?;
         let searched = match (&map, searched) {
             (Some(_), _) => None,
-            (None, None) => Some(Searched::Cells(Cells::new(width, height, samples)?)),
+            (None, None) => Some(PatternTables::Cells(Cells::new(width, height, samples)?)),
             (None, given) => given,
         };
         let k = if map.is_some() { 1 } else { settings.k.min(samples.len() as u32) };
@@ -261,8 +243,8 @@ impl Tables {
                 self.neighbours = 1;
                 self.bands = self.own_samples(context, &map)?;
             }
-            (None, Some(Searched::Neighbours(found))) => self.take(found),
-            (None, Some(Searched::Cells(cells))) => {
+            (None, Some(PatternTables::Neighbours(found))) => self.take(found, settings)?,
+            (None, Some(PatternTables::Cells(cells))) => {
                 if !same {
                     self.bands = empty_bands(context, (width, height), k)?;
                 }
@@ -277,9 +259,17 @@ impl Tables {
     }
 
     /// Takes over what was found elsewhere.
-    fn take(&mut self, found: Arc<Neighbours>) {
+    fn take(&mut self, found: Arc<Neighbours>, settings: &Settings) -> Result<()> {
+        if found.lists != settings.lists()
+            || !found.fits(self.width as usize * self.height as usize, self.count)
+        {
+            return Err(Error::setting(
+                "pattern",
+                "its neighbours are not those of these settings and samples",
+            ));
+        }
         let [indices, weights] = found.of_pixels(self.width as usize * self.height as usize);
-        (self.nearest, self.nearest_is_lent) = (found.of_samples(), true);
+        (self.nearest, self.nearest_is_lent) = (found.of_samples(self.count), true);
         self.neighbours = found.lists.of_sample.max(1);
         self.bands = vec![Band {
             first_row: 0,
@@ -290,6 +280,7 @@ impl Tables {
             samples: self.count,
             lent: Some(found),
         }];
+        Ok(())
     }
 
     /// Tables that give each pixel its own sample.
@@ -385,32 +376,6 @@ impl Tables {
         let radius = (area * f64::from(wanted) / std::f64::consts::PI).sqrt();
         (radius * 1.25).clamp(1.0, f64::from(self.width.max(self.height))) as u32
     }
-}
-
-/// Rows of each band: as many as one binding reaches, for tables of `k` and for visibility.
-fn band_rows(context: &Context, (width, height): (u32, u32), k: u32) -> Vec<(u32, u32)> {
-    let row = u64::from(width) * u64::from(4 * k).max(size_of::<VisibilityRecord>() as u64);
-    // After 64 rows of words a part begins at a multiple of 256 bytes, the most that a device asks for.
-    let rows = (context.storage_range() / row / 64 * 64).clamp(64, u64::from(height.next_multiple_of(64)));
-    (0..height).step_by(rows as usize).map(|first| (first, (rows as u32).min(height - first))).collect()
-}
-
-fn empty_bands(context: &Context, size: (u32, u32), k: u32) -> Result<Vec<Band>> {
-    band_rows(context, size, k)
-        .into_iter()
-        .map(|(first_row, rows)| {
-            let bytes = size.0 as usize * rows as usize * k as usize * 4;
-            Ok(Band {
-                first_row,
-                rows,
-                indices: device(context, bytes)?,
-                weights: device(context, bytes)?,
-                first_sample: 0,
-                samples: 0,
-                lent: None,
-            })
-        })
-        .collect()
 }
 
 /// Refuses views that the device cannot draw.

@@ -5,7 +5,7 @@
 //! them from there, traces them through an acceleration structure of the scene's triangles, and writes what became of them in
 //! place, as the kernels would have: light rays of both kinds, rays to the sun from pixels and from samples, camera rays of
 //! pixels and of samples, rays of mirrors and those to the sun from what mirrors show. What lays rays out and takes what was
-//! found stays OpenCL's (`kernels/gpu/hardware.cl`), and so do rays that a kernel follows on its own: those of edges, glass,
+//! found stays OpenCL's (`kernels/gpu/hardware.cl`), and so do rays that are not handed over: those of edges, glass,
 //! punctual lights, paths and the cache of light.
 //!
 //! Acceleration structures know no textures. Triangles that let rays pass by their alpha are no hits there: rays that meet
@@ -21,7 +21,8 @@
 //! not moved since they were built are not built again. What is hidden or flattened is placed nowhere. All of it stays in the
 //! same memory, and is built in front of the first rays of an instant, by the same commands.
 //!
-//! Both APIs are waited for by the host, between the kernels that lay rays out, the shader and the kernels that take them.
+//! Both APIs are waited for by the host, between the kernels that lay rays out, the shader and the kernels that take them. How many
+//! rays mirrors send is read there.
 
 mod moving;
 mod queries;

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::gpu::opencl::{Buffer, Device, Event, Program};
-use crate::layout::{Camera, PATH_QUEUES, PATH_WORDS, STEP_WORDS, Shading};
+use crate::layout::{CACHE_PATH, Camera, PATH_QUEUES, PATH_WORDS, STEP_WORDS, Shading};
 
 use super::Traversal;
 use super::kernels::{AimPathRays, Grid, IntersectPathRays, SceneOf, ShadePathRays, ShadePathVertices};
@@ -11,6 +11,8 @@ use super::source::SURFACE_BYTES;
 /// Rays of each path's step for which there is memory: to the sun, to an emitter, one of the mixture, and to two punctual
 /// lights. Where more lights are asked, fewer paths are under way together.
 pub(super) const STEP_RAYS: usize = 5;
+
+const _: () = assert!(CACHE_PATH + 1 < PATH_QUEUES, "each vertex has a queue");
 
 /// The kernels that whoever follows paths launches for each of their vertices.
 #[derive(Debug)]

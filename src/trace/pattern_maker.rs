@@ -25,8 +25,8 @@ use crate::gpu::vulkan::Context;
 use crate::layout::SampleLaw;
 use crate::math::blue_noise;
 use crate::math::view::View;
-use neighbours::{Finder, Listed};
-pub use neighbours::{Lists, Neighbours, Searched};
+use neighbours::{Finder, SampleBuffers};
+pub use neighbours::{NeighbourLists, Neighbours, PatternTables};
 pub use thread::{Patterns, Trial};
 
 /// Work-items that scan or select together, and of a group elsewhere: SCAN_GROUP of kernels/pattern.cl.
@@ -149,8 +149,8 @@ impl PatternMaker {
     ///
     /// # Errors
     /// As [`PatternMaker::new`].
-    pub fn with_neighbours(device: &Device, context: &Context, lists: Lists) -> Result<Self> {
-        let finds = Neighbours::are_found_by(device, context);
+    pub fn with_neighbours(device: &Device, context: &Context, lists: NeighbourLists) -> Result<Self> {
+        let finds = Neighbours::is_faster_on(device, context);
         let finder = finds.then(|| Finder::new(device, context, lists)).transpose()?;
         Ok(PatternMaker { finder, ..Self::new(device)? })
     }
@@ -184,7 +184,7 @@ impl PatternMaker {
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device has no room, is lost, or lists what cannot be.
-    pub fn choose(&mut self, wanted: &PatternRequest) -> Result<(Pattern, Searched)> {
+    pub fn choose(&mut self, wanted: &PatternRequest) -> Result<(Pattern, PatternTables)> {
         let (view, lens) = (&wanted.view, wanted.lens.as_deref());
         let hidden = wanted.hidden.as_deref().filter(|_| lens.is_none());
         let keys = Keys::new(view, &wanted.law, wanted.gaze, lens, hidden);
@@ -224,10 +224,10 @@ impl PatternMaker {
         let tiles: Vec<u32> = starts[..blocks].iter().step_by(BLOCKS).copied().collect();
         let pattern = Pattern::of_list(view, samples, order, &tiles);
         let searched = match (found, sorted) {
-            (Some(found), _) => Searched::Neighbours(found),
+            (Some(found), _) => PatternTables::Neighbours(found),
             (None, sorted) => {
                 let sorted = sorted.map_or(Ok(Vec::new()), Transfer::into_memory)?;
-                Searched::Cells(Cells { sorted, starts: starts[blocks..].to_vec(), shift, across })
+                PatternTables::Cells(Cells { sorted, starts: starts[blocks..].to_vec(), shift, across })
             }
         };
         Ok((pattern, searched))
@@ -249,7 +249,7 @@ impl PatternMaker {
         let Some(finder) = &mut self.finder else { return Ok(None) };
         let Room { samples, sorted, starts, .. } = &self.room;
         let first_start = first_start as u32;
-        finder.find(&Listed { size, count, samples, sorted, starts, first_start, shift })
+        finder.find(&SampleBuffers { size, count, samples, sorted, starts, first_start, shift })
     }
 
     /// Starts copying what keys come from; what is copied lives until the copies are done.

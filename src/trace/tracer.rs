@@ -263,7 +263,7 @@ impl Tracer {
         step: u64,
     ) -> Result<Vec<Event>> {
         let camera = camera(view, self.anchor, settings);
-        let shading = self.shading(&Settings { bounces: 0, ..*settings });
+        let shading = self.shading(&Settings { bounces: 0, cached: true, ..*settings });
         self.light.update(&self.device, &self.scene, &camera, &shading, pattern, step)
     }
 

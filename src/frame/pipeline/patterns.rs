@@ -56,7 +56,7 @@ impl ViewRequest<'_> {
 }
 
 impl Renderer {
-    /// Makes a new pattern where gaze or view have changed, and has its neighbours found while samples are traced; tells
+    /// Makes a new pattern where gaze or view have changed, and has its neighbours found, elsewhere than on the tracing device while samples are traced; tells
     /// how long the former took.
     pub(super) fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
         let key = request.key(self.law, self.samples, self.slope());

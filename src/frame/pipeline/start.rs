@@ -16,7 +16,7 @@ use crate::gpu::vulkan::Context;
 use crate::reconstruct::{self, GuidedSettings, Mode, Reconstruction, Reuse, Weights};
 use crate::scene::Features;
 use crate::scene::sky::day::Day;
-use crate::trace::pattern_maker::Patterns;
+use crate::trace::pattern_maker::{Neighbours, Patterns};
 use crate::trace::{self, DeformedBy, Fleet, MovingScene, MovingSky, SceneData, Traversal};
 use crate::waiting::{self, Limits};
 
@@ -110,7 +110,8 @@ impl Renderer {
         })?;
         // Where samples are written in place, neighbours can be.
         let shares = scheduler.direct().is_some();
-        let neighbours = shares.then(|| (context.clone(), reconstruction.settings().lists()));
+        let neighbours = device.as_ref().filter(|device| shares && Neighbours::is_faster_on(device, context));
+        let neighbours = neighbours.map(|_| (context.clone(), reconstruction.settings().lists()));
         let mut renderer = Renderer {
             scheduler,
             reconstruction,

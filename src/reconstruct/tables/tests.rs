@@ -182,7 +182,7 @@ fn memory_that_is_lent_is_left_alone_while_frames_look_it_up() {
     let mut made = |gaze: f64| {
         let gaze = DVec2::splat(gaze);
         let wanted = PatternRequest { view, law: Law::default(), gaze, count: 300, hidden: None, lens: None };
-        let (pattern, Searched::Neighbours(found)) = maker.choose(&wanted).unwrap() else {
+        let (pattern, PatternTables::Neighbours(found)) = maker.choose(&wanted).unwrap() else {
             panic!("no neighbours, though both devices are processors: {:?}", context.report().kind)
         };
         (pattern.samples, found)
@@ -193,7 +193,7 @@ fn memory_that_is_lent_is_left_alone_while_frames_look_it_up() {
     // Lent, lent, own, own, lent, own, lent, lent.
     for (step, is_lent) in [true, true, false, false, true, false, true, true].into_iter().enumerate() {
         let (samples, found) = made(0.1 * step as f64);
-        let searched = is_lent.then_some(Searched::Neighbours(found));
+        let searched = is_lent.then_some(PatternTables::Neighbours(found));
         tables.set(&context, &settings, &finders, (64, 48), &samples, searched).unwrap();
         tables.wait().unwrap();
         check_pixels(&context, &tables, settings.weights, &samples);

@@ -12,7 +12,7 @@ use crate::gpu::interop::Shared;
 use crate::gpu::opencl::{Buffer, Device, Program};
 use crate::gpu::vulkan::{BufferRef, Context, DeviceKind};
 use crate::layout::VisibilityRecord;
-use crate::reference::reconstruct::nearest;
+use crate::reference::reconstruct::{self, WeightKind};
 use crate::trace::kernels::{Grid, NearestToPixels, NearestToSamples};
 use crate::trace::source;
 
@@ -23,7 +23,7 @@ const GROUP: usize = 8;
 
 /// What is looked for: settings of the reconstruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Lists {
+pub struct NeighbourLists {
     /// Neighbours of each pixel.
     pub of_pixel: u32,
     /// Neighbours of each sample, itself included; fewer than 2 for none.
@@ -38,18 +38,24 @@ pub struct Neighbours {
     weights: Shared<f32>,
     of_samples: Shared<u32>,
     /// What was looked for.
-    pub lists: Lists,
+    pub lists: NeighbourLists,
 }
 
 impl Neighbours {
     /// Whether a device finds neighbours faster than the presenting device: where both are processors.
-    pub fn are_found_by(device: &Device, context: &Context) -> bool {
+    pub fn is_faster_on(device: &Device, context: &Context) -> bool {
         device.info().kind == "cpu" && context.report().kind == DeviceKind::Cpu
     }
 
-    fn new(device: &Device, context: &Context, lists: Lists, pixels: usize, samples: usize) -> Result<Self> {
+    fn new(
+        device: &Device,
+        context: &Context,
+        lists: NeighbourLists,
+        pixels: usize,
+        samples: usize,
+    ) -> Result<Self> {
         // A gaze that moves needs a few more here and there.
-        let room = |len: usize| len / 4 * 5;
+        let room = |len: usize| len / 4 * 5 + 16;
         let of_pixels = room(pixels) * lists.of_pixel as usize;
         Ok(Neighbours {
             indices: Shared::new(Some(device), context, of_pixels)?,
@@ -59,8 +65,9 @@ impl Neighbours {
         })
     }
 
-    fn fits(&self, pixels: usize, samples: usize) -> bool {
-        let Lists { of_pixel, of_sample, .. } = self.lists;
+    /// Whether there is room for the lists of so many.
+    pub fn fits(&self, pixels: usize, samples: usize) -> bool {
+        let NeighbourLists { of_pixel, of_sample, .. } = self.lists;
         pixels * of_pixel as usize <= self.indices.len()
             && samples * of_sample as usize <= self.of_samples.len()
     }
@@ -71,37 +78,42 @@ impl Neighbours {
         [self.indices.vulkan().part(0, bytes), self.weights.vulkan().part(0, bytes)]
     }
 
-    /// `[neighbour][sample]`: indices of samples, nearest first. None where they were not looked for.
-    pub fn of_samples(&self) -> Option<BufferRef> {
-        (self.lists.of_sample > 1).then(|| self.of_samples.vulkan())
+    /// For so many samples `[neighbour][sample]`: indices of samples, nearest first. None where they were not looked for.
+    pub fn of_samples(&self, samples: usize) -> Option<BufferRef> {
+        let bytes = samples * self.lists.of_sample as usize * size_of::<u32>();
+        (self.lists.of_sample > 1).then(|| self.of_samples.vulkan().part(0, bytes))
     }
 }
 
 impl Neighbours {
-    /// Whether the lists of every 97th pixel and sample of a view are the reference's.
-    pub(super) fn are_nearest(&self, [width, height]: [u32; 2], samples: &[u32]) -> bool {
-        let Lists { of_pixel, of_sample, .. } = self.lists;
+    /// Whether the lists of every 97th pixel and sample of a view are the reference's, and weights nearly.
+    pub(super) fn are_right(&self, [width, height]: [u32; 2], samples: &[u32]) -> bool {
+        let NeighbourLists { of_pixel, of_sample, weights } = self.lists;
         let (pixels, count) = ((width * height) as usize, samples.len());
         let positions: Vec<[u32; 2]> =
             samples.iter().map(|&packed| [packed & 0xffff, packed >> 16]).collect();
-        let is = |list: Vec<u32>, at: [u32; 2]| {
-            let nearest = nearest(&positions, at, list.len());
-            list.iter().zip(&nearest).all(|(&own, other)| own as usize == other.sample)
-        };
+        let kind = [WeightKind::Shepard, WeightKind::Gaussian, WeightKind::Inverse][weights as usize];
         let of_pixels = (0..pixels).step_by(97).all(|pixel| {
             let places = (0..of_pixel as usize).map(|j| j * pixels + pixel);
-            let sum: f32 = self.weights.at(places.clone()).iter().sum();
+            let (indices, shares) = (self.indices.at(places.clone()), self.weights.at(places));
             let at = [pixel as u32 % width, pixel as u32 / width];
-            (sum - 1.0).abs() < 1e-3 && is(self.indices.at(places), at)
+            let expected = reconstruct::weights(&positions, at, of_pixel as usize, kind);
+            let is = |((&index, &share), &(sample, weight)): ((&u32, &f32), &(usize, f64))| {
+                index as usize == sample && (f64::from(share) - weight).abs() < 1e-3
+            };
+            indices.iter().zip(&shares).zip(&expected).all(is)
         });
-        let list_of = |sample: usize| self.of_samples.at((0..of_sample as usize).map(|j| j * count + sample));
-        let of_samples = || (0..count).step_by(97).all(|sample| is(list_of(sample), positions[sample]));
-        of_pixels && (of_sample < 2 || of_samples())
+        let are_those = |sample: usize| {
+            let own = self.of_samples.at((0..of_sample as usize).map(|j| j * count + sample));
+            let expected = reconstruct::nearest(&positions, positions[sample], own.len());
+            own.iter().zip(&expected).all(|(&own, other)| own as usize == other.sample)
+        };
+        of_pixels && (of_sample < 2 || (0..count).step_by(97).all(are_those))
     }
 }
 
 /// Samples of a pattern in a device's memory.
-pub(super) struct Listed<'a> {
+pub(super) struct SampleBuffers<'a> {
     /// The view's width and height in pixels.
     pub size: [u32; 2],
     pub count: usize,
@@ -120,7 +132,7 @@ pub(super) struct Listed<'a> {
 pub(super) struct Finder {
     device: Device,
     context: Context,
-    lists: Lists,
+    lists: NeighbourLists,
     nearest_to_pixels: NearestToPixels,
     nearest_to_samples: NearestToSamples,
     kept: Vec<Arc<Neighbours>>,
@@ -131,7 +143,7 @@ impl Finder {
     ///
     /// # Errors
     /// [`crate::Error::Kernel`] or [`crate::Error::Device`] where the device does not take them.
-    pub fn new(device: &Device, context: &Context, lists: Lists) -> Result<Self> {
+    pub fn new(device: &Device, context: &Context, lists: NeighbourLists) -> Result<Self> {
         let text = source::neighbours_text(lists.of_pixel, lists.of_sample);
         let program = Program::build(device, "neighbours", &text, "-cl-std=CL1.2")?;
         Ok(Finder {
@@ -145,12 +157,12 @@ impl Finder {
     }
 
     /// Puts the searches into the queue. None where lists would be longer than there are samples, or tables longer than one
-    /// binding reaches: then the presenting device has ways of its own.
+    /// binding reaches, or where there is no room: then the presenting device has ways of its own.
     ///
     /// # Errors
-    /// [`crate::Error::Device`] where there is no room.
-    pub fn find(&mut self, listed: &Listed) -> Result<Option<Arc<Neighbours>>> {
-        let Lists { of_pixel, of_sample, weights } = self.lists;
+    /// [`crate::Error::Device`] where the device fails.
+    pub fn find(&mut self, listed: &SampleBuffers) -> Result<Option<Arc<Neighbours>>> {
+        let NeighbourLists { of_pixel, of_sample, weights } = self.lists;
         let [width, height] = listed.size;
         let (pixels, count) = (width as usize * height as usize, listed.count);
         let word = size_of::<u32>();
@@ -159,13 +171,13 @@ impl Finder {
         if count <= of_pixel.max(of_sample) as usize || longest as u64 > self.context.storage_range() {
             return Ok(None);
         }
-        let found = self.room(pixels, count)?;
+        let Ok(found) = self.room(pixels, count) else { return Ok(None) };
         let (Some(indices), Some(pixel_weights), Some(nearest)) =
             (found.indices.opencl(), found.weights.opencl(), found.of_samples.opencl())
         else {
             return Ok(None);
         };
-        let Listed { samples, sorted, starts, first_start, shift, .. } = *listed;
+        let SampleBuffers { samples, sorted, starts, first_start, shift, .. } = *listed;
         let grid = |items: usize| Grid { items, group: GROUP };
         let blocks = width.div_ceil(4) as usize * height.div_ceil(4) as usize;
         let count = count as u32;
@@ -214,8 +226,17 @@ impl Finder {
     }
 }
 
+impl Drop for Finder {
+    fn drop(&mut self) {
+        // Kernels may still write where a pattern was given up; OpenCL does not keep memory that was Vulkan's.
+        if self.device.finish().is_err() {
+            std::mem::take(&mut self.kept).into_iter().for_each(std::mem::forget);
+        }
+    }
+}
+
 /// A pattern's samples in order for searches, or the searches done.
-pub enum Searched {
+pub enum PatternTables {
     /// Sorted into cells.
     Cells(Cells),
     /// Neighbours found.

@@ -16,7 +16,9 @@ fn view(width: u32, height: u32) -> View {
 fn check(maker: &mut PatternMaker, wanted: &PatternRequest) {
     let case = format!("{} {} {:?} {}", wanted.law, wanted.gaze, wanted.view, wanted.count);
     let (pattern, searched) = maker.choose(wanted).unwrap();
-    let Searched::Cells(cells) = searched else { panic!("{case}: neighbours, which were not asked for") };
+    let PatternTables::Cells(cells) = searched else {
+        panic!("{case}: neighbours, which were not asked for")
+    };
     let expected = wanted.on_host();
     assert!(pattern == expected, "{case}");
     let listed = pattern.samples.len();

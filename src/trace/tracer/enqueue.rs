@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::foveation::pattern::TILE;
 use crate::foveation::workload::Part;
 use crate::gpu::opencl::{Buffer, Transfer};
-use crate::layout::{SampleRecord, VisibilityRecord};
+use crate::layout::{PATH_QUEUES, SampleRecord, VisibilityRecord};
 use crate::math::view::View;
 
 impl Tracer {
@@ -37,6 +37,12 @@ impl Tracer {
         samples: &Buffer<SampleRecord>,
         visibility: Option<&Buffer<VisibilityRecord>>,
     ) -> Result<InFlight> {
+        let most = PATH_QUEUES - 1;
+        assert!(
+            settings.bounces <= most,
+            "{} bounces are more than the {most} that paths take",
+            settings.bounces
+        );
         let mut hardware = self.hardware.take();
         let begun = self.enqueue_by(hardware.as_mut(), view, settings, pattern, parts, (samples, visibility));
         self.hardware = hardware;

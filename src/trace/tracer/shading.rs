@@ -323,17 +323,12 @@ fn rays_that_meet(shading: &layout::Shading, first_ray: u32) -> u32 {
 
 /// A work-item for each of the lanes that look at what so many samples' rays have met.
 fn of_hits(samples: u32) -> Grid {
-    Grid { items: lanes_of_hits(samples as usize), group: Traversal::SingleRay.group() }
+    Grid { items: samples as usize, group: Traversal::SingleRay.group() }
 }
 
 /// Rays of a sample that look at the sun's disc: as `rays_to_sun` in `kernels/shared/sample.h`.
 fn rays_to_sun(shading: &layout::Shading) -> u32 {
     if shading.guided == 0 { 0 } else { ((shading.rays as f32 * shading.sun_share) as u32).min(32) }
-}
-
-/// Work-items that look at what the light rays of so many samples have met: whole groups, all of whose work-items take part.
-fn lanes_of_hits(samples: usize) -> usize {
-    samples.next_multiple_of(Traversal::SingleRay.group())
 }
 
 /// Samples that are under way together at most: one for each lane that a graphics card can have resident, within a sixteenth

@@ -1,14 +1,15 @@
 use super::*;
 use crate::gpu::vulkan::testing::{self, fetch};
-use crate::reference::reconstruct::{WeightKind, weights};
+use crate::reference::reconstruct::{nearest, weights};
 use crate::trace::pattern_maker::testing::processor;
 
+/// By their numbers.
 const KINDS: [WeightKind; 3] = [WeightKind::Shepard, WeightKind::Gaussian, WeightKind::Inverse];
 
 /// A processor that presents and one that traces in its memory, if there are such.
 fn devices() -> Option<(Context, Device)> {
     let (context, device) = (testing::context()?, processor()?);
-    if Neighbours::are_found_by(&device, &context) {
+    if Neighbours::is_faster_on(&device, &context) {
         return Some((context, device));
     }
     println!("not run: the presenting device is no processor");
@@ -21,7 +22,7 @@ fn found(finder: &mut Finder, size: [u32; 2], samples: &[u32]) -> Option<Arc<Nei
     let cells = Cells::new(size[0], size[1], samples).unwrap();
     // As if something lay before the cells.
     let starts = [&[7; 3], cells.starts.as_slice()].concat();
-    let listed = Listed {
+    let listed = SampleBuffers {
         size,
         count: samples.len(),
         samples: &Buffer::from_slice(device, samples).unwrap(),
@@ -55,7 +56,7 @@ fn check(finder: &mut Finder, size: [u32; 2], samples: &[u32]) {
             assert!(error < 2e-5, "{at:?} weight {j}: {} {weight}", shares[slot]);
         }
     }
-    let Some(of_samples) = found.of_samples() else {
+    let Some(of_samples) = found.of_samples(samples.len()) else {
         assert!(lists.of_sample < 2);
         return;
     };
@@ -66,7 +67,7 @@ fn check(finder: &mut Finder, size: [u32; 2], samples: &[u32]) {
             assert_eq!(of_samples[j * count + index] as usize, neighbour.sample, "sample {index}, {j}");
         }
     }
-    assert!(found.are_nearest(size, samples));
+    assert!(found.are_right(size, samples));
 }
 
 /// So many positions in a part of a view.
@@ -98,7 +99,8 @@ fn neighbours_are_those_of_the_reference() {
         ([3, 200], scattered(26, [0, 0], [3, 200])),
     ];
     for (of_pixel, of_sample, weights) in [(4, 24, 0), (1, 1, 1), (7, 3, 2), (16, 24, 1)] {
-        let mut finder = Finder::new(&device, &context, Lists { of_pixel, of_sample, weights }).unwrap();
+        let mut finder =
+            Finder::new(&device, &context, NeighbourLists { of_pixel, of_sample, weights }).unwrap();
         for (size, samples) in &cases {
             check(&mut finder, *size, samples);
         }
@@ -106,10 +108,25 @@ fn neighbours_are_those_of_the_reference() {
     testing::assert_valid(&context);
 }
 
+/// Small views have room for all, as large ones do.
+#[test]
+fn there_is_room_for_views_of_any_size() {
+    let Some((context, device)) = devices() else { return };
+    let lists = NeighbourLists { of_pixel: 4, of_sample: 1, weights: 0 };
+    for count in (1..40).chain([1000, 4001]) {
+        assert!(
+            Neighbours::new(&device, &context, lists, count, count).unwrap().fits(count, count),
+            "{count}"
+        );
+    }
+    let mut finder = Finder::new(&device, &context, lists).unwrap();
+    check(&mut finder, [7, 1], &[0, 1, 2, 4, 6]);
+}
+
 #[test]
 fn lists_longer_than_there_are_samples_are_left_to_the_presenting_device() {
     let Some((context, device)) = devices() else { return };
-    let lists = Lists { of_pixel: 4, of_sample: 24, weights: 0 };
+    let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: 0 };
     let mut finder = Finder::new(&device, &context, lists).unwrap();
     let samples = scattered(25, [0, 0], [60, 40]);
     assert!(found(&mut finder, [60, 40], &samples[..24]).is_none());
@@ -120,7 +137,7 @@ fn lists_longer_than_there_are_samples_are_left_to_the_presenting_device() {
 #[test]
 fn memory_is_used_again_when_nobody_keeps_it() {
     let Some((context, device)) = devices() else { return };
-    let lists = Lists { of_pixel: 4, of_sample: 24, weights: 0 };
+    let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: 0 };
     let mut finder = Finder::new(&device, &context, lists).unwrap();
     let (size, pixels) = ([60, 40], 2400);
     let sets = [11, 12, 13].map(|left| scattered(300, [0, 0], [60 - left, 40]));
@@ -137,7 +154,7 @@ fn memory_is_used_again_when_nobody_keeps_it() {
     drop(third);
     let larger = found(&mut finder, [120, 80], &scattered(1200, [0, 0], [120, 80])).unwrap();
     assert_eq!(
-        (finder.kept.len(), larger.are_nearest([120, 80], &scattered(1200, [0, 0], [120, 80]))),
+        (finder.kept.len(), larger.are_right([120, 80], &scattered(1200, [0, 0], [120, 80]))),
         (2, true)
     );
 }

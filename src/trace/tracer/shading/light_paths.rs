@@ -48,7 +48,8 @@ impl LightPaths {
         memory: &PathMemory,
         events: &mut Vec<Step>,
     ) -> Result<()> {
-        let most = work.count * followed.of_each;
+        // Once at least, so that a launch for nothing builds all that a frame may launch.
+        let most = (work.count * followed.of_each).max(1);
         let room = memory.room(work.shading.lights).min(most);
         for first in (0..most).step_by(room.max(1) as usize) {
             self.enqueue_some(work, followed, memory, (first, room), events)?;
