@@ -138,9 +138,9 @@ impl LightCache {
         Ok(events)
     }
 
-    /// The memory that paths under way need on GPUs, in bytes.
-    pub fn bytes_under_way() -> u64 {
-        cells::bytes_under_way()
+    /// The memory that paths under way need on GPUs, in bytes, where each surface asks so many punctual lights.
+    pub fn bytes_under_way(lights: u32) -> u64 {
+        cells::bytes_under_way(lights)
     }
 
     /// The names of kernels of a variant that may need memory of their own.

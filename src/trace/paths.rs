@@ -90,9 +90,9 @@ impl PathMemory {
     }
 }
 
-/// Bytes of memory for so many paths.
-pub(super) fn bytes_of(paths: usize) -> u64 {
-    let words = PATH_QUEUES as usize + paths * (2 + PATH_WORDS as usize + STEP_RAYS * STEP_WORDS as usize);
+/// Bytes of memory for so many paths and rays of steps.
+pub(super) fn bytes_of(paths: usize, rays: usize) -> u64 {
+    let words = PATH_QUEUES as usize + paths * (2 + PATH_WORDS as usize) + rays * STEP_WORDS as usize;
     (words * size_of::<u32>() + paths * SURFACE_BYTES) as u64
 }
 

@@ -252,6 +252,11 @@ impl SceneData {
         .collect()
     }
 
+    /// Punctual lights that are all asked at each surface.
+    pub(super) fn lights_asked(&self) -> u32 {
+        self.shading.lights
+    }
+
     /// Tells whether a device has room, before anything is uploaded: drivers often say so only later.
     ///
     /// # Errors

@@ -181,7 +181,11 @@ impl Tracer {
     ) -> Result<Self> {
         assert_eq!(programs.hardware, hardware.is_some(), "rays are traced by kernels or elsewhere");
         let program = &programs.pixels;
-        data.check_fit_beside(device, programs.traversals, programs.working_memory(device.info())?)?;
+        data.check_fit_beside(
+            device,
+            programs.traversals,
+            programs.working_memory(device.info(), data.lights_asked())?,
+        )?;
         let on_gpus = |required: bool| required && programs.traversals.pixels == Traversal::SingleRay;
         let bundles = programs.bundles.as_ref().unwrap_or(program);
         let scene = SceneBuffers::upload(device, data, programs.traversals)?;

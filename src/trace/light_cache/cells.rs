@@ -143,8 +143,9 @@ fn memory_for(device: &Device, lights: u32) -> Result<(PathMemory, Buffer<u32>)>
     Ok((PathMemory::new(device, paths, paths * paths::rays_of_step(lights))?, passed))
 }
 
-/// The same in bytes.
-pub(super) fn bytes_under_way() -> u64 {
-    let passed = PATHS as usize * PASSED * size_of::<u32>();
-    paths::bytes_of(PATHS as usize) + passed as u64
+/// The same in bytes, where each surface asks so many punctual lights.
+pub(super) fn bytes_under_way(lights: u32) -> u64 {
+    let paths = PATHS as usize;
+    let passed = paths * PASSED * size_of::<u32>();
+    paths::bytes_of(paths, paths * paths::rays_of_step(lights)) + passed as u64
 }

@@ -69,10 +69,11 @@ impl Programs {
     }
 
     /// Bytes that the kernels need beside the scene: for stacks, which drivers set aside, and for light rays under way.
-    pub(super) fn working_memory(&self, info: &DeviceInfo) -> Result<u64> {
+    /// `lights`: punctual lights that each surface asks.
+    pub(super) fn working_memory(&self, info: &DeviceInfo, lights: u32) -> Result<u64> {
         let rays = match self.traversals.bundles {
             Traversal::Packet => 0,
-            Traversal::SingleRay => shading::bytes_under_way(info) + LightCache::bytes_under_way(),
+            Traversal::SingleRay => shading::bytes_under_way(info) + LightCache::bytes_under_way(lights),
         };
         let mirrored = match self.traversals.pixels {
             Traversal::SingleRay if self.features.glossy => mirrors::bytes_under_way(info),

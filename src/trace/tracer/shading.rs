@@ -344,7 +344,8 @@ pub(super) fn samples_under_way(info: &DeviceInfo) -> usize {
 /// Bytes of memory for so many samples under way.
 fn bytes_of(samples: usize) -> u64 {
     let words = samples * BATCH * (RAY_WORDS + 2);
-    (samples * STATE_BYTES + words * size_of::<u32>()) as u64 + paths::bytes_of(samples * PATHS)
+    (samples * STATE_BYTES + words * size_of::<u32>()) as u64
+        + paths::bytes_of(samples * PATHS, samples * PATHS * paths::STEP_RAYS)
 }
 
 /// The memory that is needed at most, in bytes.
