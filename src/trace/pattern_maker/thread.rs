@@ -122,7 +122,10 @@ impl Working {
         let own = stage.clone();
         let work = move || {
             let ready = first_maker(&device, neighbours.as_ref(), trial, &first, &own);
-            let Ok((mut maker, note)) = ready.map_err(|why| answer.send(Err(why))) else { return };
+            let (mut maker, note) = match ready {
+                Ok(ready) => ready,
+                Err(why) => return drop(answer.send(Err(why))),
+            };
             let mut answered = Ok(Told::Ready(note));
             loop {
                 let ends = answered.is_err();
