@@ -292,6 +292,8 @@ fn sparse() -> PatternRequest {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
     use super::*;
     use crate::trace::pattern_maker::testing;
 
@@ -380,12 +382,18 @@ mod tests {
     #[test]
     fn nobody_waits_for_a_trial() {
         let Some(device) = testing::processor() else { return };
+        static BEGUN: AtomicBool = AtomicBool::new(false);
         let trial: Trial = |_, _| {
+            BEGUN.store(true, Ordering::Relaxed);
             std::thread::sleep(Duration::from_secs(3600));
             Ok(())
         };
+        let working = Working::begin(device.clone(), None, trial, small());
+        while !BEGUN.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
         let start = std::time::Instant::now();
-        drop(Working::begin(device.clone(), None, trial, small()));
+        drop(working);
         assert!(start.elapsed() < Duration::from_secs(60));
         let left = first_maker(&device, None, |_, _| Ok(()), &small(), &Mutex::new(Stage::Left));
         assert_eq!(left.err().as_deref(), Some("nobody waits"));
