@@ -55,7 +55,7 @@ fn patterns_key(device: &Device, neighbours: Option<&(Context, NeighbourLists)>)
         }
         hash.update(&report.driver_version.to_le_bytes());
         hash.update(&report.uuid);
-        hash.update(&lists.weights.to_le_bytes());
+        hash.update(&(lists.weights as u32).to_le_bytes());
         hash.update(source::neighbours_text(lists.of_pixel, lists.of_sample).as_bytes());
     }
     hash.digest128()
@@ -64,25 +64,18 @@ fn patterns_key(device: &Device, neighbours: Option<&(Context, NeighbourLists)>)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::opencl::device;
+    use crate::bench::trial::testing::{any_device, write_program};
     use std::fs;
-    use std::os::unix::fs::PermissionsExt;
 
     /// Programs that end as drivers make them: told, kept, and not asked again.
     #[test]
     fn a_driver_that_crashes_over_patterns_makes_none() {
-        let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else {
-            println!("not run: no OpenCL device");
-            return;
-        };
-        let device = Device::open(&info).unwrap();
+        let Some(device) = any_device() else { return };
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("program");
         let ends_by = |ending: &str| {
-            let script =
-                format!("#!/bin/sh\necho '@foveate stage building the kernels of patterns'\n{ending}\n");
-            fs::write(&program, script).unwrap();
-            fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+            let stage = "echo '@foveate stage building the kernels of patterns'";
+            write_program(&program, &format!("{stage}\n{ending}\n"));
         };
         let kept = folder.path().join("kept");
         ends_by("kill -SEGV $$");

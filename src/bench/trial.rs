@@ -205,27 +205,47 @@ fn vulkan_device(name: String, uuid: [u8; 16], ray_queries: bool) -> Result<Cont
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
+pub(super) mod testing {
     use std::os::unix::fs::PermissionsExt;
+    use std::path::Path;
+
+    use crate::gpu::opencl::{Device, device};
+
+    /// Any device; `None`, and a line that says so, where there is none. On machines that promise one (CI=true) that is a
+    /// failure.
+    pub fn any_device() -> Option<Device> {
+        let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else {
+            assert!(std::env::var("CI").as_deref() != Ok("true"), "there is no OpenCL device");
+            println!("not run: no OpenCL device");
+            return None;
+        };
+        Some(Device::open(&info).unwrap())
+    }
+
+    /// Writes a program that behaves as drivers make one behave.
+    pub fn write_program(path: &Path, script: &str) {
+        std::fs::write(path, format!("#!/bin/sh\n{script}")).unwrap();
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::testing::{any_device, write_program};
+    use super::*;
 
     /// Programs that behave as drivers do: which variants they spoil, and how.
     #[test]
     fn a_variant_that_crashes_or_hangs_is_out_and_the_other_is_taken() {
-        let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else {
-            println!("not run: no OpenCL device");
-            return;
-        };
-        let device = Device::open(&info).unwrap();
+        let Some(device) = any_device() else { return };
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("program");
         let found = |ending: &str| {
             let script = format!(
-                "#!/bin/sh\ncase \"$2\" in *packet*) echo '@foveate stage building'; {ending};; esac\n\
+                "case \"$2\" in *packet*) echo '@foveate stage building'; {ending};; esac\n\
                  echo '@foveate answer {{\"Ok\":{{\"times\":[{{\"traversal\":\"single-ray\",\"pixels_ms\":1.0,\"bundles_ms\":2.0}}],\"refused\":[]}}}}'\n"
             );
-            std::fs::write(&program, script).unwrap();
-            std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+            write_program(&program, &script);
             variants(&program, &device, Duration::from_secs(1)).unwrap()
         };
         for (ending, told) in [
@@ -243,8 +263,7 @@ mod tests {
 
     #[test]
     fn a_wrong_answer_is_no_finding() {
-        let Some(info) = device::list().into_iter().find(|d| d.unusable.is_none()) else { return };
-        let device = Device::open(&info).unwrap();
+        let Some(device) = any_device() else { return };
         assert!(findings(&device, "{}").is_err());
         let refused = findings(&device, "{\"Err\":\"it is out of paper\"}").unwrap_err().to_string();
         assert!(refused.ends_with("it is out of paper"), "{refused}");

@@ -9,7 +9,7 @@
 //! The pass over the pixels is a fragment shader, because swapchains of SRGB formats take no other; on
 //! lavapipe it costs what a compute shader costs. Neighbours are found on the device, because that was
 //! the faster of the two there (180 against 280 ms of CPU time for a guided pattern of 55,000 samples in
-//! 1280x800 pixels, when each pixel searched by itself on both; pixels that search in blocks have halved
+//! 1280x800 pixels, when each pixel known by itself on both; pixels that search in blocks have halved
 //! the former since), and tables never leave the device's memory.
 
 mod denoise;
@@ -150,7 +150,7 @@ impl Reconstruction {
         view: usize,
         size: (u32, u32),
         samples: &[u32],
-        searched: Option<PatternTables>,
+        known: Option<PatternTables>,
     ) -> Result<()> {
         assert!(view <= self.views.len(), "view {view} comes before view {}", self.views.len());
         if view == self.views.len() {
@@ -170,7 +170,7 @@ impl Reconstruction {
         }
         let state = &mut self.views[view];
         state.commands.wait()?;
-        state.tables.set(&self.context, &self.settings, &self.finders, size, samples, searched)
+        state.tables.set(&self.context, &self.settings, &self.finders, size, samples, known)
     }
 
     /// Waits for the neighbours of a view's pattern, and says how long finding them took; empty if

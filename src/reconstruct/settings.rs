@@ -2,6 +2,7 @@
 
 use super::history::Reuse;
 use crate::error::{Error, Result};
+use crate::reference::reconstruct::WeightKind;
 use crate::trace::pattern_maker::NeighbourLists;
 
 /// Most samples that a pixel averages.
@@ -134,9 +135,9 @@ impl Settings {
             Mode::KNearest => 1,
         };
         let weights = match self.weights {
-            Weights::Shepard => 0,
-            Weights::Gaussian => 1,
-            Weights::Inverse => 2,
+            Weights::Shepard => WeightKind::Shepard,
+            Weights::Gaussian => WeightKind::Gaussian,
+            Weights::Inverse => WeightKind::Inverse,
         };
         NeighbourLists { of_pixel: self.k, of_sample, weights }
     }

@@ -8,7 +8,7 @@
 //! 1.15 and 1.5 cost more), where three searches were usual: 23 ms became 11. What gained less there: groups
 //! of eight lanes that all read the same samples, for 8 × 8 pixels or for eight samples, took about two
 //! thirds of the time before (it seems that lavapipe reads lane by lane in loops all the same). Where a processor
-//! both traces and presents, `src/trace/pattern_maker/neighbours.rs` finds them in a fifth of the time, but for a view's first pattern.
+//! both traces and presents, `src/trace/pattern_maker/neighbours.rs` finds them in a quarter of the time, but for a view's first pattern.
 
 mod bands;
 
@@ -195,9 +195,9 @@ impl Tables {
         finders: &Finders,
         size: (u32, u32),
         samples: &[u32],
-        searched: Option<PatternTables>,
+        known: Option<PatternTables>,
     ) -> Result<()> {
-        let started = self.start(context, settings, finders, size, samples, searched);
+        let started = self.start(context, settings, finders, size, samples, known);
         if started.is_err() {
             // A pattern that failed half way must not be drawn.
             (self.width, self.height, self.count) = (0, 0, 0);
@@ -213,12 +213,12 @@ impl Tables {
         finders: &Finders,
         (width, height): (u32, u32),
         samples: &[u32],
-        searched: Option<PatternTables>,
+        known: Option<PatternTables>,
     ) -> Result<()> {
         check_size(context, (width, height))?;
         let map = one_to_one(width, height, samples);
         check_count(context, settings, (width, height), samples.len(), map.is_some())?;
-        let searched = match (&map, searched) {
+        let known = match (&map, known) {
             (Some(_), _) => None,
             (None, None) => Some(PatternTables::Cells(Cells::new(width, height, samples)?)),
             (None, given) => given,
@@ -237,7 +237,7 @@ impl Tables {
             self.prepared = device(context, samples.len() * PREPARED_BYTES)?;
         }
         self.full = map.is_some();
-        match (map, searched) {
+        match (map, known) {
             (Some(map), _) => {
                 self.nearest = None;
                 self.neighbours = 1;
@@ -331,7 +331,7 @@ impl Tables {
             cells_across: cells.across,
             wanted,
             first_radius: self.usual_radius(wanted),
-            weights: settings.lists().weights,
+            weights: settings.lists().weights as u32,
             first_row: 0,
             rows: self.height,
             written: self.k,

@@ -8,14 +8,14 @@ pub const LEAST_DISTANCE: f64 = 1e-6;
 
 /// How a sample's weight falls with its distance d in pixels. R is the distance of the (k+1)-th
 /// neighbour, or twice that of the farthest where there is no other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum WeightKind {
     /// `((R - d)+ / (R d))²` (Franke and Nielson 1980, after Shepard 1968).
-    Shepard,
+    Shepard = 0,
     /// `exp(-4.5 (d / R)²)`, with an R of at least 1.
-    Gaussian,
+    Gaussian = 1,
     /// `1 / d²`.
-    Inverse,
+    Inverse = 2,
 }
 
 /// A sample near a pixel.

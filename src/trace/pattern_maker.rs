@@ -205,7 +205,7 @@ impl PatternMaker {
         let count = selection.into_memory()?[SELECTED] as usize;
         drop(uploads);
         if count > asked {
-            return Err(self.lists_what_cannot_be());
+            return Err(self.impossible_list());
         }
         let found = self.find([view.width, view.height], count, blocks, shift)?;
         // In order: when the list is read, neighbours are found.
@@ -219,21 +219,21 @@ impl PatternMaker {
         let rises =
             |list: &&[u32]| list.is_sorted() && list.last().is_none_or(|&last| last as usize <= count);
         if !lists.iter().all(rises) {
-            return Err(self.lists_what_cannot_be());
+            return Err(self.impossible_list());
         }
         let tiles: Vec<u32> = starts[..blocks].iter().step_by(BLOCKS).copied().collect();
         let pattern = Pattern::of_list(view, samples, order, &tiles);
-        let searched = match (found, sorted) {
+        let tables = match (found, sorted) {
             (Some(found), _) => PatternTables::Neighbours(found),
             (None, sorted) => {
                 let sorted = sorted.map_or(Ok(Vec::new()), Transfer::into_memory)?;
                 PatternTables::Cells(Cells { sorted, starts: starts[blocks..].to_vec(), shift, across })
             }
         };
-        Ok((pattern, searched))
+        Ok((pattern, tables))
     }
 
-    fn lists_what_cannot_be(&self) -> Error {
+    fn impossible_list(&self) -> Error {
         let problem = "lists samples that cannot be; update its driver".to_string();
         Error::Device { device: self.device.info().name.clone(), problem }
     }
@@ -387,7 +387,7 @@ impl Room {
 }
 
 #[cfg(test)]
-mod testing {
+pub(crate) mod testing {
     use crate::gpu::opencl::{Device, device};
 
     /// A processor, which rounds divisions and roots correctly; `None`, and a line that says so, where there is none. On

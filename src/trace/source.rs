@@ -120,8 +120,8 @@ pub fn pattern_text() -> String {
 pub fn neighbours_text(of_pixel: u32, of_sample: u32) -> String {
     // Beside a pixel's own the nearest outside of its list, for weights; lists have one place at least.
     let (pixel, sample) = (of_pixel + 1, of_sample.max(1));
-    let [cells, nearest, kernels] = [
-        include_str!("../../kernels/cpu/cells.h"),
+    let [grid, nearest, kernels] = [
+        include_str!("../../kernels/cpu/sample_grid.h"),
         include_str!("../../kernels/cpu/nearest.h"),
         include_str!("../../kernels/cpu/neighbours.cl"),
     ];
@@ -152,7 +152,7 @@ pub fn neighbours_text(of_pixel: u32, of_sample: u32) -> String {
     };
     let lengths = format!("#define PIXEL_LIST {pixel}\n#define SAMPLE_LIST {sample}\n");
     [
-        cells,
+        grid,
         &lengths,
         &list("nearest_to_block", pixel, &narrow),
         &list("nearest_to_block_far", pixel, &wide),

@@ -56,8 +56,8 @@ impl ViewRequest<'_> {
 }
 
 impl Renderer {
-    /// Makes a new pattern where gaze or view have changed, and has its neighbours found, elsewhere than on the tracing device while samples are traced; tells
-    /// how long the former took.
+    /// Makes a new pattern where gaze or view have changed, and has its neighbours found: with it, or by the presenting device
+    /// while samples are traced. Tells how many milliseconds what was waited for took.
     pub(super) fn prepare_view(&mut self, index: usize, request: &ViewRequest) -> Result<f64> {
         let key = request.key(self.law, self.samples, self.slope());
         if self.views.get(index).is_some_and(|old| old.key == key && old.sharing == self.shared()) {
@@ -73,10 +73,10 @@ impl Renderer {
         let (gaze, hidden) = (request.gaze, request.hidden.clone());
         let wanted = PatternRequest { view: *view, law, gaze, count, hidden, lens };
         let made = if self.chooses(index, &wanted) { self.patterns.choose(&wanted) } else { None };
-        let (pattern, searched) =
-            made.map_or_else(|| (wanted.on_host(), None), |(pattern, searched)| (pattern, Some(searched)));
+        let (pattern, tables) =
+            made.map_or_else(|| (wanted.on_host(), None), |(pattern, tables)| (pattern, Some(tables)));
         let size = (view.width, view.height);
-        self.reconstruction.set_sorted_pattern(index, size, &pattern.samples, searched)?;
+        self.reconstruction.set_sorted_pattern(index, size, &pattern.samples, tables)?;
         self.take_pattern(index, key, *view, pattern)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }

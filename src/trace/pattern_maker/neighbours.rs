@@ -1,5 +1,5 @@
 //! The samples nearest to each pixel and to each sample, found by a processor that traces, for a presenting device that is the
-//! same processor: `kernels/cpu/neighbours.cl`. OpenCL's vectors of 16 points take a fifth of the time there that
+//! same processor: `kernels/cpu/neighbours.cl`. OpenCL's vectors of 16 points take a quarter of the time there that
 //! `kernels/neighbours.wgsl` takes, which llvmpipe runs a lane at a time where it reads and writes. Elsewhere the latter is used.
 
 use std::sync::Arc;
@@ -28,8 +28,8 @@ pub struct NeighbourLists {
     pub of_pixel: u32,
     /// Neighbours of each sample, itself included; fewer than 2 for none.
     pub of_sample: u32,
-    /// How a pixel's neighbours weigh: 0 Shepard's, 1 Gaussian, 2 inverse squares, as kernels/neighbours.wgsl has them.
-    pub weights: u32,
+    /// How a pixel's neighbours weigh: kernels know it by its number, 0, 1 or 2.
+    pub weights: WeightKind,
 }
 
 /// The neighbours of a pattern, in memory that the presenting device reads as long as somebody keeps this.
@@ -83,21 +83,18 @@ impl Neighbours {
         let bytes = samples * self.lists.of_sample as usize * size_of::<u32>();
         (self.lists.of_sample > 1).then(|| self.of_samples.vulkan().part(0, bytes))
     }
-}
 
-impl Neighbours {
     /// Whether the lists of every 97th pixel and sample of a view are the reference's, and weights nearly.
     pub(super) fn are_right(&self, [width, height]: [u32; 2], samples: &[u32]) -> bool {
         let NeighbourLists { of_pixel, of_sample, weights } = self.lists;
         let (pixels, count) = ((width * height) as usize, samples.len());
         let positions: Vec<[u32; 2]> =
             samples.iter().map(|&packed| [packed & 0xffff, packed >> 16]).collect();
-        let kind = [WeightKind::Shepard, WeightKind::Gaussian, WeightKind::Inverse][weights as usize];
         let of_pixels = (0..pixels).step_by(97).all(|pixel| {
             let places = (0..of_pixel as usize).map(|j| j * pixels + pixel);
             let (indices, shares) = (self.indices.at(places.clone()), self.weights.at(places));
             let at = [pixel as u32 % width, pixel as u32 / width];
-            let expected = reconstruct::weights(&positions, at, of_pixel as usize, kind);
+            let expected = reconstruct::weights(&positions, at, of_pixel as usize, weights);
             let is = |((&index, &share), &(sample, weight)): ((&u32, &f32), &(usize, f64))| {
                 index as usize == sample && (f64::from(share) - weight).abs() < 1e-3
             };
@@ -161,10 +158,10 @@ impl Finder {
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device fails.
-    pub fn find(&mut self, listed: &SampleBuffers) -> Result<Option<Arc<Neighbours>>> {
+    pub fn find(&mut self, buffers: &SampleBuffers) -> Result<Option<Arc<Neighbours>>> {
         let NeighbourLists { of_pixel, of_sample, weights } = self.lists;
-        let [width, height] = listed.size;
-        let (pixels, count) = (width as usize * height as usize, listed.count);
+        let [width, height] = buffers.size;
+        let (pixels, count) = (width as usize * height as usize, buffers.count);
         let word = size_of::<u32>();
         let pixel = size_of::<VisibilityRecord>().max(word * of_pixel as usize);
         let longest = (pixels * pixel).max(count * word * of_sample as usize);
@@ -177,7 +174,7 @@ impl Finder {
         else {
             return Ok(None);
         };
-        let SampleBuffers { samples, sorted, starts, first_start, shift, .. } = *listed;
+        let SampleBuffers { samples, sorted, starts, first_start, shift, .. } = *buffers;
         let grid = |items: usize| Grid { items, group: GROUP };
         let blocks = width.div_ceil(4) as usize * height.div_ceil(4) as usize;
         let count = count as u32;
@@ -187,7 +184,7 @@ impl Finder {
             height,
             count,
             shift,
-            weights,
+            weights as u32,
             sorted,
             starts,
             first_start,

@@ -15,10 +15,8 @@ fn view(width: u32, height: u32) -> View {
 /// Holds a device's pattern and cells to those of the host.
 fn check(maker: &mut PatternMaker, wanted: &PatternRequest) {
     let case = format!("{} {} {:?} {}", wanted.law, wanted.gaze, wanted.view, wanted.count);
-    let (pattern, searched) = maker.choose(wanted).unwrap();
-    let PatternTables::Cells(cells) = searched else {
-        panic!("{case}: neighbours, which were not asked for")
-    };
+    let (pattern, tables) = maker.choose(wanted).unwrap();
+    let PatternTables::Cells(cells) = tables else { panic!("{case}: neighbours, which were not asked for") };
     let expected = wanted.on_host();
     assert!(pattern == expected, "{case}");
     let listed = pattern.samples.len();

@@ -295,6 +295,7 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use super::*;
+    use crate::reference::reconstruct::WeightKind;
     use crate::trace::pattern_maker::testing;
 
     /// Patterns come from the device once its kernels are built, and are the host's.
@@ -368,7 +369,7 @@ mod tests {
     fn patterns_are_made_without_neighbours_where_these_fail() {
         let Some(device) = testing::processor() else { return };
         let Some(context) = crate::gpu::vulkan::testing::context() else { return };
-        let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: 0 };
+        let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: WeightKind::Shepard };
         let trial: Trial =
             |_, neighbours| neighbours.map_or(Ok(()), |_| Err("its driver crashed".to_string()));
         let stage = Mutex::new(Stage::Trial);

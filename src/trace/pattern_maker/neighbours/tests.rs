@@ -1,10 +1,8 @@
 use super::*;
 use crate::gpu::vulkan::testing::{self, fetch};
+use crate::reference::reconstruct::WeightKind::{Gaussian, Inverse, Shepard};
 use crate::reference::reconstruct::{nearest, weights};
 use crate::trace::pattern_maker::testing::processor;
-
-/// By their numbers.
-const KINDS: [WeightKind; 3] = [WeightKind::Shepard, WeightKind::Gaussian, WeightKind::Inverse];
 
 /// A processor that presents and one that traces in its memory, if there are such.
 fn devices() -> Option<(Context, Device)> {
@@ -48,7 +46,7 @@ fn check(finder: &mut Finder, size: [u32; 2], samples: &[u32]) {
     let positions: Vec<[u32; 2]> = samples.iter().map(|&packed| [packed & 0xffff, packed >> 16]).collect();
     for pixel in 0..pixels {
         let at = [pixel as u32 % width, pixel as u32 / width];
-        let expected = weights(&positions, at, k, KINDS[lists.weights as usize]);
+        let expected = weights(&positions, at, k, lists.weights);
         for (j, &(sample, weight)) in expected.iter().enumerate() {
             let slot = j * pixels + pixel;
             assert_eq!(indices[slot] as usize, sample, "{at:?} neighbour {j} of {k}, {size:?}");
@@ -98,7 +96,9 @@ fn neighbours_are_those_of_the_reference() {
         ),
         ([3, 200], scattered(26, [0, 0], [3, 200])),
     ];
-    for (of_pixel, of_sample, weights) in [(4, 24, 0), (1, 1, 1), (7, 3, 2), (16, 24, 1)] {
+    for (of_pixel, of_sample, weights) in
+        [(4, 24, Shepard), (1, 1, Gaussian), (7, 3, Inverse), (16, 24, Gaussian)]
+    {
         let mut finder =
             Finder::new(&device, &context, NeighbourLists { of_pixel, of_sample, weights }).unwrap();
         for (size, samples) in &cases {
@@ -112,7 +112,7 @@ fn neighbours_are_those_of_the_reference() {
 #[test]
 fn there_is_room_for_views_of_any_size() {
     let Some((context, device)) = devices() else { return };
-    let lists = NeighbourLists { of_pixel: 4, of_sample: 1, weights: 0 };
+    let lists = NeighbourLists { of_pixel: 4, of_sample: 1, weights: Shepard };
     for count in (1..40).chain([1000, 4001]) {
         assert!(
             Neighbours::new(&device, &context, lists, count, count).unwrap().fits(count, count),
@@ -126,7 +126,7 @@ fn there_is_room_for_views_of_any_size() {
 #[test]
 fn lists_longer_than_there_are_samples_are_left_to_the_presenting_device() {
     let Some((context, device)) = devices() else { return };
-    let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: 0 };
+    let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: Shepard };
     let mut finder = Finder::new(&device, &context, lists).unwrap();
     let samples = scattered(25, [0, 0], [60, 40]);
     assert!(found(&mut finder, [60, 40], &samples[..24]).is_none());
@@ -137,7 +137,7 @@ fn lists_longer_than_there_are_samples_are_left_to_the_presenting_device() {
 #[test]
 fn memory_is_used_again_when_nobody_keeps_it() {
     let Some((context, device)) = devices() else { return };
-    let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: 0 };
+    let lists = NeighbourLists { of_pixel: 4, of_sample: 24, weights: Shepard };
     let mut finder = Finder::new(&device, &context, lists).unwrap();
     let (size, pixels) = ([60, 40], 2400);
     let sets = [11, 12, 13].map(|left| scattered(300, [0, 0], [60 - left, 40]));
