@@ -210,6 +210,7 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
             guided: true,
             seed: round as u32,
             jitter: false,
+            turn: foveate::trace::Turn::ALL,
         };
         let bare = without.trace(&view, &settings);
         for (variant, times) in with.iter_mut().zip(&mut times) {

@@ -51,6 +51,8 @@ struct Parameters {
     longest: f32,
     // Whether things or lights move: light may then be other than it was.
     light_changes: u32,
+    // Groups of samples of which one is shaded, and which one in the high half.
+    turns: u32,
 }
 var<immediate> parameters: Parameters;
 
@@ -124,6 +126,8 @@ const ENOUGH_ON_SIDE = 0.25;
 // over some samples beside those that have found it.
 const CONFIDENCE_KEPT = 0.9;
 const LEAST_CONFIDENCE = 0.2;
+// Weights are divided by this at least.
+const LEAST_WEIGHT = 1e-6;
 // Square of a distance in pixels below which samples count as at the same place.
 const SAME_PLACE = 0.01;
 
@@ -137,6 +141,14 @@ struct Point {
 fn is_usable(first: vec4<u32>, second: vec4<u32>) -> bool {
     return all_finite(bitcast<vec3<f32>>(first.xyz)) && all_finite(bitcast<vec3<f32>>(second.xyz))
         && is_finite(bitcast<f32>(first.w)) && bitcast<f32>(first.w) > 0.0;
+}
+
+// Whether it has no light since it waits for its turn, as in kernels/shared/sample.h: then its depth is the negative of what
+// its pixel sees.
+fn waits_for_turn(index: u32, first: vec4<u32>) -> bool {
+    let turns = parameters.turns & 0xffffu;
+    let depth = bitcast<f32>(first.w);
+    return turns > 1u && (index / TURN_SAMPLES) % turns != parameters.turns >> 16u && depth < 0.0 && is_finite(depth);
 }
 
 fn brightness(first: vec4<u32>, second: vec4<u32>) -> f32 {
@@ -227,12 +239,15 @@ struct Found {
     history: History,
     weight: f32,
     agreement: f32,
+    // The sample that counts most, and by how much.
+    best: u32,
+    most: f32,
 }
 
 // What the view's last frame has accumulated for a point, weighted means.
 fn look_back(point: Point, sun_centre: u32) -> Found {
     let source = sources[0].last;
-    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0);
+    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0u, 0.0);
     let at = seen_at(source, point.point);
     if at.x < -0.5 {
         return found;
@@ -269,6 +284,10 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         sum += near;
         found.weight += weight;
         found.agreement = max(found.agreement, agree);
+        if weight > found.most {
+            found.best = index;
+            found.most = weight;
+        }
     }
     if !(found.agreement > LEAST_AGREEMENT) {
         found.weight = 0.0;
@@ -410,12 +429,15 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     // What the pixel expects to mirror, and where light comes from, are this frame's.
     records[3u * id.x + 2u] = fresh[3u * id.x + 2u];
     histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    if !is_usable(first, second) {
+    // A sample that waits for its turn has the light that it had, and no estimate of its own.
+    let waits = waits_for_turn(id.x, first);
+    if !is_usable(first, second) && !waits {
         return;
     }
+    let own = select(1.0, 0.0, waits);
     let packed = positions[id.x];
     let at = vec2(packed & 0xffffu, packed >> 16u);
-    let depth = bitcast<f32>(first.w);
+    let depth = abs(bitcast<f32>(first.w));
     let normal = unpack_normal24(second.w);
     let width = parameters.pixel_width * depth * pixel_scale(parameters.spacing, vec2<f32>(at));
     let here = Point(vec2<f32>(at), point_at(parameters.rays, parameters.spacing, f32(at.x), f32(at.y), depth), normal, width);
@@ -433,29 +455,40 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let value = brightness_around(id.x, here, sun_centre);
     var history = History(0.0, 0.0, value.x, value.x, 0.0, 0.0, 0.0, 0.0);
     if found.weight > 0.0 {
-        history = followed(found.history, value, longest);
-        let kept = select(1.0, kept_in_motion(found.history, value), (seen.mapped & SURFACE_MOVES) != 0u);
+        history = found.history;
+        if !waits {
+            history = followed(found.history, value, longest);
+        }
+        let kept = select(1.0, kept_in_motion(found.history, value), (seen.mapped & SURFACE_MOVES) != 0u && !waits);
         history.diffuse_age *= kept;
         history.specular_age *= kept * before.alike_reflection;
     }
-    let diffuse_age = min(history.diffuse_age + 1.0 + lent.weight, longest);
-    let specular_age = min(history.specular_age + 1.0 + lent_specular, longest);
+    if waits && !(history.diffuse_age > 0.0) {
+        return;
+    }
+    let diffuse_age = min(history.diffuse_age + own + lent.weight, longest);
+    let specular_age = min(history.specular_age + own + lent_specular, longest);
     // What has just been found counts as light does; what has not is kept for some frames, at most as long as light is.
     let own_shadow = f32(second.w >> 25u);
-    let confidence = CONFIDENCE_KEPT * history.confidence;
+    let confidence = select(CONFIDENCE_KEPT, 1.0, waits) * history.confidence;
     let is_kept = history.diffuse_age > 0.0 && confidence > LEAST_CONFIDENCE;
     let kept_confidence = select(0.0, confidence, is_kept);
     let kept_shadow = select(0.0, history.blocker, is_kept);
     let mixed_shadow = mix(kept_shadow, own_shadow, 1.0 / diffuse_age);
     let shadow = select(max(own_shadow, kept_shadow), mixed_shadow, own_shadow > 0.0 && kept_shadow > 0.0);
-    let light = (bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / (1.0 + lent.weight);
-    let gloss = (bitcast<vec3<f32>>(second.xyz) + lent_specular * lent.second) / (1.0 + lent_specular);
-    let diffuse = mix(found.first, light, min((1.0 + lent.weight) / diffuse_age, 1.0));
-    let specular = mix(found.second, gloss, min((1.0 + lent_specular) / specular_age, 1.0));
+    let estimates = own + lent.weight;
+    let glossy_estimates = own + lent_specular;
+    let light = (own * bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / max(estimates, LEAST_WEIGHT);
+    let gloss = (own * bitcast<vec3<f32>>(second.xyz) + lent_specular * lent.second) / max(glossy_estimates, LEAST_WEIGHT);
+    let diffuse = mix(found.first, light, min(estimates / diffuse_age, 1.0));
+    let specular = mix(found.second, gloss, min(glossy_estimates / max(specular_age, LEAST_WEIGHT), 1.0));
     let sun_byte = u32(round(shadow)) << 1u | sun_centre;
-    records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), first.w);
+    records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), bitcast<u32>(depth));
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
-    let toward = with_less_noise(fresh[3u * id.x + 2u].xyz, min(diffuse_age, specular_age));
+    var toward = with_less_noise(fresh[3u * id.x + 2u].xyz, min(diffuse_age, specular_age));
+    if waits {
+        toward = last_records[3u * found.best + 2u].xyz;
+    }
     records[3u * id.x + 2u] = vec4(toward, fresh[3u * id.x + 2u].w);
     histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, shadow, select(kept_confidence, 1.0, own_shadow > 0.0), 0.0);
 }

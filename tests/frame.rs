@@ -5,10 +5,10 @@ mod common;
 use std::sync::Arc;
 
 use foveate::bvh::WideBvh;
-use foveate::config::{Config, Indirect, Method, Samples, Stereo, TimeConfig};
+use foveate::config::{Config, ExposureConfig, Indirect, Method, Samples, Stereo, TimeConfig};
 use foveate::foveation::BitMask;
 use foveate::frame::stereo::parallel_eyes;
-use foveate::frame::{Loaded, Output, Plan, Renderer, ViewRequest};
+use foveate::frame::{FrameReport, Loaded, Output, Plan, Renderer, ViewRequest};
 use foveate::gpu::interop::{self, Sharing};
 use foveate::gpu::opencl::{Device, device};
 use foveate::gpu::vulkan::{Context, Format, Image};
@@ -514,4 +514,47 @@ fn frames_at_rest_send_fewer_rays_and_moving_ones_all() {
     let (all, half, reused) = (rays(32, false), rays(16, false), rays(32, true));
     assert!(all.iter().zip(&half).all(|(all, half)| all > half));
     assert_eq!(reused, [all[0], half[1], half[2], all[3], half[4]], "of {all:?} and {half:?}");
+}
+
+/// Where view and light have rested some samples are shaded in each frame and the others keep their means: pictures and
+/// exposure stay as they were. A turn, a new gaze and a scene that moves have all of them shaded again.
+#[test]
+fn samples_take_turns_at_rest_alone() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let mut config = config(Method::Guided, Samples::Count(3000), 32);
+    config.view.exposure = ExposureConfig::Auto;
+    let (frames, turned, looked) = (56, 40, 44);
+    let mut shown = |samples: f64| {
+        config.time = TimeConfig { pictures: 1, frames: 8, samples, ..TimeConfig::default() };
+        let (device, context) = &machine;
+        let mut renderer = Renderer::new(device, context, &loaded, &config, Output::Display).unwrap().0;
+        renderer.meter().set_pace(0.02);
+        let mut eye = view(&loaded);
+        let reports = (0..frames).map(|frame| {
+            let by = if frame == turned { 0.02 } else { 0.0 };
+            eye.world_from_eye.rotation *= DQuat::from_rotation_y(by);
+            let gaze = DVec2::new(if frame < looked { 0.5 } else { 0.3 }, 0.5);
+            let report = renderer.frame(&Plan::mono(eye), &[gaze], frame).unwrap();
+            assert_eq!(report.dropped, 0);
+            (report, renderer.picture().unwrap())
+        });
+        reports.collect::<Vec<_>>()
+    };
+    let (all, some) = (shown(1.0), shown(0.25));
+    let saves = |frame: &u32| some[*frame as usize].0.rays < all[*frame as usize].0.rays;
+    let saving: Vec<u32> = (0..frames).filter(saves).collect();
+    // The cache has had its early steps after 32 frames, and four frames have to rest before others may.
+    let expected = (32..turned).chain(looked + 4..frames);
+    assert_eq!(saving, expected.collect::<Vec<_>>());
+    let rays =
+        |frames: &[(FrameReport, Vec<u8>)]| frames[36..40].iter().map(|(report, _)| report.rays).sum::<u64>();
+    println!("rays of four frames at rest: {} in place of {}", rays(&some), rays(&all));
+    for (frame, ((all, full), (some, parts))) in all.iter().zip(&some).enumerate() {
+        assert!((all.exposure.unwrap() - some.exposure.unwrap()).abs() < 0.05, "frame {frame}");
+        let squares =
+            full.iter().zip(parts).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>();
+        let psnr = 10.0 * (65025.0 * full.len() as f64 / squares.max(1.0)).log10();
+        assert!(psnr > 36.0, "frame {frame}: {psnr:.1} dB");
+    }
 }

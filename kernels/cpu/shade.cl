@@ -187,11 +187,17 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     Shading shading = asked;
     Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
     uint2 range = share_of_item(count);
-    uint n = range.y - range.x, rays = 0;
+    uint n = 0, rays = 0;
     TraversalState states[STREAMS];
     Shaded mine[STREAMS];
-    for (uint k = 0; k < n; ++k) {
-        uint index = first + range.x + k, at = samples[index];
+    for (uint index = first + range.x; index < first + range.y; ++index) {
+        uint at = samples[index];
+        __global const VisibilityRecord *seen = &visibility[(at >> 16) * camera.width + (at & 0xffffu)];
+        if (waits_for_turn(&camera, &asked, index, at, seen, &records[index])) {
+            pass_sample(&asked, seen, &records[index]);
+            continue;
+        }
+        uint k = n++;
         HitRecord hit = hits[shading.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : index];
         begin_sample(&scene, &camera, &shading, index, at, hit, &mine[k].sample);
         clear_light(&mine[k].light);
@@ -203,6 +209,8 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         states[k].origin = mine[k].sample.origin;
         states[k].seed = mine[k].sample.chance;
     }
+    if (n == 0u)
+        return;
 #if HAS_SUN
     uint towards_sun = rays_to_sun(&shading);
     if (towards_sun > 0u) {

@@ -96,15 +96,21 @@ static Shading without_sun_rays(Shading asked)
 }
 
 __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
-                            __global const HitRecord *hits, __global uint *states)
+                            __global const HitRecord *hits, __global const VisibilityRecord *visibility,
+                            __global const SampleRecord *records, __global uint *states)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint k = (uint)get_global_id(0);
     if (k >= count)
         return;
-    uint at = samples[first + k];
-    HitRecord hit = hits[asked.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : first + k];
     __global ShadedSample *state = state_at(states, k);
+    uint at = samples[first + k];
+    if (waits_for_turn(&camera, &asked, first + k, at, &visibility[(at >> 16) * camera.width + (at & 0xffffu)], &records[first + k])) {
+        state->sample.index = NONE;
+        state->sample.lit = false;
+        return;
+    }
+    HitRecord hit = hits[asked.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : first + k];
     begin_sample(&scene, &camera, &asked, first + k, at, hit, &state->sample);
     SampleLight none;
     clear_light(&none);
@@ -405,10 +411,15 @@ __kernel void end_samples(Camera camera, Shading asked, __global const uint *sam
     uint k = (uint)get_global_id(0), reflected = 0u;
     if (k >= count)
         return;
+    uint at = samples[first + k];
+    // It waits for its turn.
+    if (state_at(states, k)->sample.index == NONE) {
+        pass_sample(&asked, &visibility[(at >> 16) * camera.width + (at & 0xffffu)], &records[first + k]);
+        return;
+    }
     Shading shading = without_sun_rays(asked);
     ShadedSample state = *state_at(states, k);
 #if HAS_GLOSSY
-    uint at = samples[first + k];
     if (shading.guided)
         reflected = visibility[(at >> 16) * camera.width + (at & 0xffffu)].reflected;
 #endif

@@ -237,6 +237,34 @@ static uint rays_to_sun(const Shading *shading)
 #endif
 }
 
+// Cosine between normals from which on a sample's surface is the one that it had before.
+#define SAME_SURFACE 0.95f
+
+// Whether a sample waits for another frame to be shaded: it is not its turn, and what it sees is on the surface that it saw in
+// the frame before, of which `had` is left, so that light is known there: within a pixel's width of it along its normal.
+static bool waits_for_turn(const Camera *camera, const Shading *shading, uint index, uint at, __global const VisibilityRecord *seen,
+                           __global const SampleRecord *had)
+{
+    if (!shading->guided || shading->turns <= 1u || index / TURN_SAMPLES % shading->turns == shading->turn)
+        return false;
+    float3 n = unpack_normal24(seen->normal), d = camera_ray(camera, at & 0xffffu, at >> 16);
+    float off = fabs((seen->depth - fabs(had->depth)) * dot3(n, d)) / view_depth(camera, d, 1.0f);
+    float width = pixel_footprint(camera, (float2)(at & 0xffffu, at >> 16) + 0.5f) * seen->depth;
+    return off <= width && dot3(n, unpack_normal24(had->normal)) >= SAME_SURFACE;
+}
+
+// The record of one that does: what its pixel sees, and no light.
+static void pass_sample(const Shading *asked, __global const VisibilityRecord *seen, __global SampleRecord *record)
+{
+    uint centre = rays_to_sun(asked) ? seen->normal >> 31 : 0u, reflected = 0u;
+#if HAS_GLOSSY
+    reflected = seen->reflected;
+#endif
+    SampleRecord whole = {{0.0f, 0.0f, 0.0f}, -seen->depth, {0.0f, 0.0f, 0.0f}, (seen->normal & 0xffffffu) | centre << 24,
+                          {0u, 0u, 0u}, reflected};
+    *record = whole;
+}
+
 #if HAS_SUN
 // The direction of ray i of n to the sun's disc; false where the surface faces away from it.
 static bool aim_at_sun(const Shading *shading, const Sample *sample, uint i, uint n, uint seed, float3 *d)

@@ -57,6 +57,8 @@ typedef struct {
     uint cached;
     uint guided;
     uint hits_per_pixel;
+    uint turns;
+    uint turn;
     uint lights;
     uint environment_width;
     uint environment_height;
@@ -243,6 +245,7 @@ typedef struct {
 #define BLOCKER_STEPS 0x6u
 #define BLOCKER_METRE 0x31u
 #define UNTRACED 0xfffffffeu
+#define TURN_SAMPLES 0x20u
 #define SUN_VISIBLE 0x80000000u
 #define CACHE_CELLS 0x40000u
 #define CACHE_PATH 0x3u

@@ -22,7 +22,7 @@ use crate::private_file::user_folder;
 use crate::progress;
 use crate::scene::Environment;
 use crate::trace::hardware::shader_words;
-use crate::trace::{SceneData, Settings, Tracer, Traversals, source};
+use crate::trace::{SceneData, Settings, Tracer, Traversals, Turn, source};
 
 /// Both are timed so many times, unless ray queries are beyond hope before: slower by this factor.
 const ROUNDS: usize = 5;
@@ -128,8 +128,16 @@ pub fn measure(device: &Device, context: &Context, traversals: Traversals) -> Re
 fn frame_ms(tracer: &mut Tracer) -> Result<f64> {
     let view = view();
     let pattern = tracer.pattern(&Pattern::new(&view, &Law::default(), DVec2::splat(0.5), SAMPLES))?;
-    let settings =
-        Settings { rays: 32, bounces: 0, cached: false, edge_rays: 0, guided: true, seed: 1, jitter: false };
+    let settings = Settings {
+        rays: 32,
+        bounces: 0,
+        cached: false,
+        edge_rays: 0,
+        guided: true,
+        seed: 1,
+        jitter: false,
+        turn: Turn::ALL,
+    };
     let samples = Buffer::new(tracer.device(), SAMPLES)?;
     let visibility = Buffer::new(tracer.device(), view.pixels())?;
     let start = Instant::now();

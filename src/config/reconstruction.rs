@@ -58,10 +58,12 @@ pub struct TimeConfig {
     pub pictures: u32,
     /// Of [`super::TraceConfig::rays`], the part that a frame sends where one before it has left light and the view has hardly moved.
     pub rays: f64,
+    /// The part of the samples that a frame shades, in turn, where view and light have rested for a while.
+    pub samples: f64,
 }
 
 impl Default for TimeConfig {
     fn default() -> Self {
-        TimeConfig { reuse: true, frames: 32, eyes: true, pictures: 16, rays: 0.5 }
+        TimeConfig { reuse: true, frames: 32, eyes: true, pictures: 16, rays: 0.5, samples: 0.25 }
     }
 }

@@ -25,6 +25,8 @@ const METERED: usize = 1024;
 #[derive(Debug)]
 pub struct Meter {
     exposure: Option<Exposure>,
+    /// What the last frame was metered as whose samples were all shaded.
+    metered: Option<f64>,
     last: Option<Instant>,
     /// Seconds between the last two frames.
     passed: f64,
@@ -39,6 +41,8 @@ pub(super) struct Metered<'a> {
     pub samples: &'a [u32],
     /// Pixels across.
     pub width: u32,
+    /// Whether some of the samples wait for their turn, since nothing changes.
+    pub rests: bool,
 }
 
 impl Meter {
@@ -46,7 +50,7 @@ impl Meter {
     pub(super) fn new(view: &ViewConfig, output: Output) -> Self {
         let wanted = view.exposure == ExposureConfig::Auto && output == Output::Display;
         let exposure = wanted.then(|| Exposure::within(view.exposure_range));
-        Meter { exposure, last: None, passed: 0.0, pace: None }
+        Meter { exposure, metered: None, last: None, passed: 0.0, pace: None }
     }
 
     /// The stops for the next picture; `None` where exposure is fixed, or nothing was metered yet.
@@ -73,11 +77,14 @@ impl Meter {
         self.passed = self.pace.unwrap_or(passed);
     }
 
-    /// Meters what views see, for the pictures to come.
+    /// Meters what views see, for the pictures to come; where samples take turns that is what it was.
     pub(super) fn observe<'a>(&mut self, views: impl Iterator<Item = Metered<'a>>, sun: Option<Sun>) {
-        if let Some(exposure) = &mut self.exposure {
-            exposure.observe(stops_for(views.flat_map(|view| view.luminances(sun)).collect()), self.passed);
+        let Some(exposure) = &mut self.exposure else { return };
+        let views: Vec<Metered> = views.collect();
+        if !views.iter().any(|view| view.rests) {
+            self.metered = stops_for(views.iter().flat_map(|view| view.luminances(sun)).collect());
         }
+        exposure.observe(self.metered, self.passed);
     }
 }
 

@@ -49,7 +49,7 @@ use glam::{DMat4, DVec2};
 use super::meter::Meter;
 use super::scheduler::Scheduler;
 use super::stereo::{Cut, Plan};
-use crate::config::{Config, Quality, Samples};
+use crate::config::{Config, Quality, Samples, TimeConfig};
 use crate::error::Result;
 use crate::foveation::{BitMask, Law, Lens};
 use crate::gpu::interop::{Shared, Sharing};
@@ -76,8 +76,9 @@ pub struct Renderer {
     samples: Samples,
     visibility_slope: f64,
     settings: trace::Settings,
-    /// See [`crate::config::TimeConfig::rays`].
-    rays_with_history: f64,
+    time: TimeConfig,
+    /// Frames so far: whose turn it is where samples take turns.
+    frames: u32,
     overlay: Overlay,
     /// Stops that all pictures get.
     fixed_stops: f32,
@@ -176,6 +177,7 @@ impl Renderer {
         let mut report = FrameReport::default();
         report.stages.motion = std::mem::take(&mut self.motion_ms);
         self.scheduler.forget();
+        self.frames = self.frames.wrapping_add(1);
         for (index, request) in requests.iter().enumerate() {
             report.pattern_ms += self.prepare_view(index, request)?;
         }
@@ -222,6 +224,7 @@ impl Renderer {
             least_expected: self.least_expected,
             light_holds: self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused),
             light_changes: self.moves(),
+            turn: traced.turn,
             movers: self.state.as_ref().map_or_else(Arc::default, |state| state.movers().clone()),
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,
@@ -317,7 +320,7 @@ impl Renderer {
     pub fn apply(&mut self, config: &Config) -> Result<()> {
         self.reconstruct_by(reconstruction_settings(&Quality::of(config), reuse(config)))?;
         self.settings.seed = config.trace.seed;
-        self.rays_with_history = config.time.rays;
+        self.time = config.time.clone();
         self.visibility_slope = config.foveation.visibility_slope;
         self.set_quality(&Quality::of(config))
     }

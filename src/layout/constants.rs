@@ -1,7 +1,7 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 38] {
+pub(super) fn named() -> [(&'static str, u32); 39] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
@@ -14,6 +14,7 @@ pub(super) fn named() -> [(&'static str, u32); 38] {
         ("BLOCKER_STEPS", BLOCKER_STEPS),
         ("BLOCKER_METRE", BLOCKER_METRE),
         ("UNTRACED", UNTRACED),
+        ("TURN_SAMPLES", TURN_SAMPLES),
         ("SUN_VISIBLE", SUN_VISIBLE),
         ("CACHE_CELLS", CACHE_CELLS),
         ("CACHE_PATH", CACHE_PATH),
@@ -71,6 +72,8 @@ pub const SURFACE_MOVES: u32 = 1 << 24;
 pub const SURFACE_MOVER: u32 = 25;
 /// All bits of [`SURFACE_MOVES`] and [`SURFACE_MOVER`].
 pub const SURFACE_MOTION: u32 = 0xff << 24;
+/// Samples that follow each other in a view's list and are shaded in the same frame, where samples take turns: a warp's lanes.
+pub const TURN_SAMPLES: u32 = 32;
 /// Numbers of what moves as a whole at most: what records can hold.
 pub const MAX_MOVERS: usize = 127;
 /// In [`super::HitRecord::triangle`]: nothing was traced here, and nobody may follow it.

@@ -74,6 +74,11 @@ pub struct Shading {
     pub guided: u32,
     /// 1: hits are stored per pixel, 0: per sample.
     pub hits_per_pixel: u32,
+    /// Of so many groups of [`super::TURN_SAMPLES`] samples that follow each other one is shaded, the others wait for their
+    /// turn; 1: all are shaded.
+    pub turns: u32,
+    /// Which one of them.
+    pub turn: u32,
     /// Punctual lights that are all asked; those that are chosen among come after them.
     pub lights: u32,
     /// Environment texels across.

@@ -47,8 +47,15 @@ pub fn types_header() -> String {
 
 /// The text of `kernels/shared/types.wgsl`.
 pub fn types_wgsl() -> String {
-    let shared =
-        ["SUN_VISIBLE", "SURFACE_MOVES", "SURFACE_MOVER", "BLOCKER_STEPS", "BLOCKER_METRE", "IS_MAPPED"];
+    let shared = [
+        "SUN_VISIBLE",
+        "SURFACE_MOVES",
+        "SURFACE_MOVER",
+        "BLOCKER_STEPS",
+        "BLOCKER_METRE",
+        "IS_MAPPED",
+        "TURN_SAMPLES",
+    ];
     let mut text = String::from("// Written from src/layout/: change it there.\n") + &records::wgsl();
     for (name, value) in constants::named().into_iter().filter(|(name, _)| shared.contains(name)) {
         text += &format!("const {name} = {value:#x}u;\n");

@@ -12,7 +12,9 @@
 //! begin anew. What moves as a whole is looked up where it was (`src/reconstruct/motions.rs`), and keeps less where it turns or
 //! light glides over it. A frame that finds one before it, seen from nearly the same place, sends `time.rays` of the
 //! light rays, by default half: at rest history makes up for more than that within a few frames. In motion it
-//! does not (docs/measurements.md), so all are sent. A surface that comes into view has no history there; it
+//! does not (docs/measurements.md), so all are sent. Where view, things and light have rested for longer, samples take turns:
+//! `time.samples` of them are shaded, in groups that follow each other in the list, and those of the others that see the surface
+//! that they saw keep their means and ages ([`super::Frame::turn`]). A surface that comes into view has no history there; it
 //! is filtered as a first frame is. `Renderer::forget` drops everything: after a cut, and between pictures
 //! that stand for themselves. The twin in `f64` is `src/reference/accumulate.rs`.
 
@@ -30,6 +32,7 @@ use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};
 use crate::layout::{MAX_MOVERS, SampleRecord};
 use crate::math::view::View;
+use crate::trace::Turn;
 use crate::trace::pattern_maker::Neighbours;
 
 /// Bytes of a sample's ages and means, as `kernels/accumulate.wgsl` has them.
@@ -59,12 +62,17 @@ pub(super) struct Accumulate {
 pub(super) struct History {
     /// What the last frame has left, and memory that the next one may use.
     last: Option<Kept>,
+    /// Frames up to the last one that rested: see [`History::rests`].
+    rested: u32,
     spare: Option<Buffers>,
     sources: Option<HostBuffer>,
 }
 
 /// From frame to frame a view has hardly moved within so many metres and radians: less than 20 degrees a second at 90 Hz.
 const NEAR: (f64, f64) = (2e-3, 3.5e-3);
+
+/// It rests within a tenth of that: what comes into sight is seen by few samples.
+const RESTING: (f64, f64) = (NEAR.0 / 10.0, NEAR.1 / 10.0);
 
 /// A frame's samples as they are looked up later.
 #[derive(Clone)]
@@ -114,6 +122,7 @@ pub(super) struct AccumulateParameters {
     width: u32,
     longest: f32,
     light_changes: u32,
+    turns: u32,
 }
 
 /// What a frame brings along.
@@ -132,6 +141,8 @@ pub(super) struct Fresh<'a> {
     pub longest: f32,
     /// See [`super::Frame::light_changes`].
     pub light_changes: bool,
+    /// See [`super::Frame::turn`].
+    pub turn: Turn,
 }
 
 impl Source {
@@ -198,6 +209,11 @@ impl Accumulate {
             width: tables.width,
             longest: fresh.longest.min(self.reuse.frames as f32),
             light_changes: fresh.light_changes.into(),
+            turns: fresh.turn.of | fresh.turn.number << 16,
+        };
+        history.rested = match history.is_within(fresh.view, RESTING) && !fresh.light_changes {
+            true => history.rested.saturating_add(1),
+            false => 0,
         };
         let now = Kept {
             view: *fresh.view,
@@ -240,15 +256,31 @@ pub(super) struct Other(Kept);
 impl History {
     /// Whether the next frame of a view finds one before it, seen from nearly the same place.
     pub fn is_near(&self, view: &View) -> bool {
+        self.is_within(view, NEAR)
+    }
+
+    /// Whether so many frames have rested before the next one of a view, and it does: with one pattern, seen from the same
+    /// place, in light that stays.
+    pub fn rests(&self, view: &View, frames: u32) -> bool {
+        self.rested >= frames && self.is_within(view, RESTING)
+    }
+
+    /// The next frame has another pattern.
+    pub fn stir(&mut self) {
+        self.rested = 0;
+    }
+
+    fn is_within(&self, view: &View, (metres, radians): (f64, f64)) -> bool {
         self.last.as_ref().is_some_and(|kept| {
             let (now, then) = (view.world_from_eye, kept.view.world_from_eye);
-            now.position.distance(then.position) < NEAR.0
-                && now.rotation.angle_between(then.rotation) < NEAR.1
+            now.position.distance(then.position) < metres
+                && now.rotation.angle_between(then.rotation) < radians
         })
     }
 
     /// The next frame finds nothing.
     pub fn forget(&mut self) {
+        self.rested = 0;
         if let Some(kept) = self.last.take() {
             self.spare = Some(kept.buffers);
         }

@@ -170,6 +170,7 @@ impl Reconstruction {
         }
         let state = &mut self.views[view];
         state.commands.wait()?;
+        state.history.stir();
         state.tables.set(&self.context, &self.settings, &self.finders, size, samples, known)
     }
 
@@ -238,6 +239,7 @@ impl Reconstruction {
                     plane_tolerance,
                     longest,
                     light_changes,
+                    turn: frame.turn,
                 };
                 let history = &mut state.history;
                 let records =
@@ -360,6 +362,12 @@ impl Reconstruction {
     /// place.
     pub fn remembers(&self, index: usize, view: &View) -> bool {
         self.views.get(index).is_some_and(|state| state.history.is_near(view))
+    }
+
+    /// Whether so many frames of the `index`-th view have rested, and the next one does: all with one pattern, seen from the
+    /// same place, in light that stays. Then its samples may take turns ([`Frame::turn`]).
+    pub fn rests(&self, index: usize, view: &View, frames: u32) -> bool {
+        self.views.get(index).is_some_and(|state| state.history.rests(view, frames))
     }
 
     /// How many samples of a view's last frame that was waited for were not finite and were left out.

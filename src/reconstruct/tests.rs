@@ -9,6 +9,7 @@ use crate::gpu::vulkan::{Encoding, Format, Image, Rect, testing};
 use crate::layout::{pack_emission, pack_normal24, pack_surface};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
+use crate::trace::Turn;
 
 const TOWARD: [f32; 3] = [0.0, 0.0, 1.0];
 
@@ -91,6 +92,7 @@ impl Bench {
             least_expected: 0.01,
             light_holds: f32::INFINITY,
             light_changes: false,
+            turn: Turn::ALL,
             movers: Default::default(),
             overlay: Default::default(),
             shown_from: None,
@@ -357,6 +359,7 @@ fn guided_reconstruction_asks_for_visibility() {
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: false,
+        turn: Turn::ALL,
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: None,

@@ -4,6 +4,9 @@ use glam::{DMat4, DVec2, DVec3};
 
 use super::reconstruct::nearest;
 use crate::math::view::View;
+use look_up::{agreement, before, look_across, look_back};
+
+mod look_up;
 
 /// Share of demodulated specular light that counts as brightness.
 pub const SPECULAR_SHARE: f64 = 0.1;
@@ -38,6 +41,8 @@ pub const OTHER_SIDE: f64 = 0.02;
 pub const ENOUGH_ON_SIDE: f64 = 0.25;
 /// Square of a distance in pixels that counts as none.
 pub const SAME_PLACE: f64 = 0.01;
+/// What weights are divided by at least.
+const LEAST_WEIGHT: f64 = 1e-6;
 /// What a penumbra that is not found again is trusted less from frame to frame, and how little ends it.
 const CONFIDENCE_KEPT: f64 = 0.9;
 const LEAST_CONFIDENCE: f64 = 0.2;
@@ -64,6 +69,8 @@ pub struct Sample {
     pub roughness: f64,
     /// How its surface has moved since the last frame.
     pub motion: Motion,
+    /// Whether it waits for its turn, and has no light of this frame.
+    pub waits: bool,
 }
 
 /// How a surface has moved since the last frame.
@@ -148,9 +155,10 @@ fn one(
     settings: &Settings,
 ) -> (Sample, History) {
     let sample = fresh[index];
-    if !usable(&sample) {
+    if !usable(&sample) && !(sample.waits && sample.depth > 0.0) {
         return (sample, History::default());
     }
+    let own = if sample.waits { 0.0 } else { 1.0 };
     let point = point_of(view, &sample);
     let lent = other.and_then(|kept| look_across(kept, view, &sample, point, settings));
     let (lent_light, lent_gloss, lent_weight, lent_gloss_weight) = lent.unwrap_or_default();
@@ -164,19 +172,27 @@ fn one(
         .zip(past)
         .and_then(|(kept, past)| look_back(kept, view, &sample, &past, settings).map(|old| (past, old)))
     {
-        history = followed(&old, value, error.filter(|_| settings.light_changes), longest);
-        let kept = if sample.motion == Motion::Still { 1.0 } else { kept_in_motion(&old, value, error) };
+        history = match sample.waits {
+            true => old,
+            false => followed(&old, value, error.filter(|_| settings.light_changes), longest),
+        };
+        let kept = match sample.motion == Motion::Still || sample.waits {
+            true => 1.0,
+            false => kept_in_motion(&old, value, error),
+        };
         history.ages[0] *= kept;
         history.ages[1] *= kept * past.alike_reflection;
         found = (diffuse, specular, shadow);
     }
-    let ages = [
-        (history.ages[0] + 1.0 + lent_weight).min(longest),
-        (history.ages[1] + 1.0 + lent_gloss_weight).min(longest),
-    ];
-    let light = (sample.diffuse + lent_light * lent_weight) / (1.0 + lent_weight);
-    let gloss = (sample.specular + lent_gloss * lent_gloss_weight) / (1.0 + lent_gloss_weight);
-    let confidence = CONFIDENCE_KEPT * history.confidence;
+    if sample.waits && !(history.ages[0] > 0.0) {
+        return (sample, History::default());
+    }
+    let (estimates, glossy_estimates) = (own + lent_weight, own + lent_gloss_weight);
+    let ages =
+        [(history.ages[0] + estimates).min(longest), (history.ages[1] + glossy_estimates).min(longest)];
+    let light = (sample.diffuse * own + lent_light * lent_weight) / estimates.max(LEAST_WEIGHT);
+    let gloss = (sample.specular * own + lent_gloss * lent_gloss_weight) / glossy_estimates.max(LEAST_WEIGHT);
+    let confidence = if sample.waits { history.confidence } else { CONFIDENCE_KEPT * history.confidence };
     let is_kept = history.ages[0] > 0.0 && confidence > LEAST_CONFIDENCE;
     let kept_shadow = if is_kept { found.2 } else { 0.0 };
     history.confidence = match (sample.blocker > 0.0, is_kept) {
@@ -189,16 +205,18 @@ fn one(
         _ => sample.blocker.max(kept_shadow),
     };
     let mixed = Sample {
-        diffuse: found.0.lerp(light, ((1.0 + lent_weight) / ages[0]).min(1.0)),
-        specular: found.1.lerp(gloss, ((1.0 + lent_gloss_weight) / ages[1]).min(1.0)),
+        diffuse: found.0.lerp(light, (estimates / ages[0]).min(1.0)),
+        specular: found.1.lerp(gloss, (glossy_estimates / ages[1].max(LEAST_WEIGHT)).min(1.0)),
         blocker,
+        waits: false,
         ..sample
     };
     (mixed, History { ages, ..history })
 }
 
 fn usable(sample: &Sample) -> bool {
-    sample.diffuse.is_finite()
+    !sample.waits
+        && sample.diffuse.is_finite()
         && sample.specular.is_finite()
         && sample.depth.is_finite()
         && sample.depth > 0.0
@@ -221,171 +239,10 @@ fn pixel_width(view: &View, sample: &Sample) -> f64 {
     (view.fov.right - view.fov.left) / f64::from(view.picture().width) * view.pixel_scale(centre)
 }
 
-/// How well two points agree to lie on one surface: see `kernels/shared/records.wgsl`.
-fn agreement(
-    point: DVec3,
-    normal: DVec3,
-    there: DVec3,
-    other: DVec3,
-    width: f64,
-    settings: &Settings,
-) -> f64 {
-    let (off, tolerance) = (there - point, settings.plane_tolerance);
-    let distance = normal.dot(off);
-    let forgiven = tolerance * tolerance * off.length_squared() + width * width;
-    (settings.normal_power * (normal.dot(other) - 1.0) - distance * distance / forgiven).exp()
-}
-
-fn by_distance(at: [u32; 2], from: DVec2) -> f64 {
-    let off = DVec2::new(f64::from(at[0]), f64::from(at[1])) - from;
-    (off.length_squared() + SAME_PLACE).powi(-2)
-}
-
-fn alike_reflection(point: DVec3, offset: DVec3, roughness: f64) -> f64 {
-    let turned = 2.0 * (point.normalize() - (point + offset).normalize()).length();
-    (-(turned / (roughness * roughness + 0.01)).powi(2)).exp()
-}
-
-fn alike_after_motion(now: (DVec3, DVec3), was: (DVec3, DVec3), roughness: f64) -> f64 {
-    let mirrored = |(point, normal): (DVec3, DVec3)| point.normalize().reflect(normal);
-    let turned = 2.0 * (mirrored(now) - mirrored(was)).length();
-    (-(turned / (roughness * roughness + 0.01)).powi(2)).exp()
-}
-
-fn before(kept: &Kept, view: &View, sample: &Sample, point: DVec3, settings: &Settings) -> Before {
-    let (back, normal) = (offset(view, &kept.view), sample.normal);
-    let still = Before {
-        point: point + back,
-        normal,
-        longest: settings.longest,
-        alike_reflection: alike_reflection(point, back, sample.roughness),
-    };
-    let last_from_now = match sample.motion {
-        Motion::Still => return still,
-        Motion::Unknown => return Before { longest: 1.0, alike_reflection: 0.0, ..still },
-        Motion::Whole(matrix) => matrix,
-    };
-    let was = last_from_now.transform_point3(point + view.world_from_eye.position);
-    let was = (
-        was - kept.view.world_from_eye.position,
-        last_from_now.transform_vector3(normal).normalize_or(normal),
-    );
-    let is_elsewhere = (was.0 - still.point).length() > ELSEWHERE * pixel_width(view, sample) * sample.depth;
-    let most = if is_elsewhere { settings.longest.min(MOVING_LONGEST) } else { settings.longest };
-    Before {
-        point: was.0,
-        normal: was.1,
-        longest: (MOVING_TURN / (was.1 - normal).length()).clamp(1.0, most),
-        alike_reflection: alike_after_motion((point, normal), was, sample.roughness),
-    }
-}
-
 /// The part of what was found on a surface that moves which is kept.
 fn kept_in_motion(last: &History, value: f64, error: Option<f64>) -> f64 {
     let limit = GLIDES.powi(2) * error.unwrap_or(0.0) + (UNNOTICED * last.slow).powi(2);
     (limit / (value - last.slow).powi(2)).min(1.0)
-}
-
-/// The samples of a kept frame that lie around a point on its surface, relative to its eye: index, agreement and weight of
-/// each.
-fn around(
-    kept: &Kept,
-    view: &View,
-    sample: &Sample,
-    (seen, normal): (DVec3, DVec3),
-    settings: &Settings,
-) -> Vec<(usize, f64, f64)> {
-    let Some(at) = kept.view.project(kept.view.world_from_eye.rotation.inverse() * seen) else {
-        return Vec::new();
-    };
-    let size = DVec2::new(f64::from(kept.view.width), f64::from(kept.view.height));
-    if at.cmplt(DVec2::ZERO).any() || at.cmpge(size).any() {
-        return Vec::new();
-    }
-    let positions: Vec<[u32; 2]> = kept.samples.iter().map(|sample| sample.at).collect();
-    let pixel = [at.x as u32, at.y as u32];
-    let width = pixel_width(view, sample) * sample.depth;
-    let weighed = |near: super::reconstruct::Neighbour| {
-        let other = &kept.samples[near.sample];
-        let agree = match usable(other) {
-            true => agreement(seen, normal, point_of(&kept.view, other), other.normal, width, settings),
-            false => 0.0,
-        };
-        (near.sample, agree, agree * by_distance(other.at, at - 0.5))
-    };
-    nearest(&positions, pixel, settings.k)
-        .into_iter()
-        .map(weighed)
-        .filter(|(.., weight)| *weight > 0.0)
-        .collect()
-}
-
-fn agreed(found: &[(usize, f64, f64)]) -> f64 {
-    found.iter().map(|(_, agree, _)| *agree).fold(0.0, f64::max)
-}
-
-type Found = (DVec3, DVec3, f64, History);
-
-fn look_back(kept: &Kept, view: &View, sample: &Sample, past: &Before, settings: &Settings) -> Option<Found> {
-    let found = around(kept, view, sample, (past.point, past.normal), settings);
-    if agreed(&found) <= LEAST_AGREEMENT {
-        return None;
-    }
-    let is_same_side = |index: usize| kept.samples[index].sun_centre == sample.sun_centre;
-    let on_side = |&&(index, ..): &&(usize, f64, f64)| is_same_side(index);
-    let near: f64 = found.iter().map(|(.., weight)| weight).sum();
-    let side_sum: f64 = found.iter().filter(on_side).map(|(.., weight)| weight).sum();
-    let (known, shadow) = found.iter().fold((0.0, 0.0), |(known, sum), &(index, _, weight)| {
-        let weight = weight * kept.histories[index].confidence;
-        (known + weight, sum + weight * kept.samples[index].blocker)
-    });
-    let shadow = if known > 0.0 { shadow / known } else { 0.0 };
-    let weighed = |&(index, agree, weight): &(usize, f64, f64)| {
-        (index, agree, weight * if is_same_side(index) || !settings.light_changes { 1.0 } else { OTHER_SIDE })
-    };
-    let found: Vec<(usize, f64, f64)> = found.iter().map(weighed).collect();
-    let sum: f64 = found.iter().map(|(.., weight)| weight).sum();
-    let mean = |value: &dyn Fn(usize) -> f64| {
-        found.iter().map(|&(index, _, weight)| weight * value(index)).sum::<f64>() / sum
-    };
-    let color = |value: &dyn Fn(usize) -> DVec3| {
-        found.iter().map(|&(index, _, weight)| value(index) * weight).sum::<DVec3>() / sum
-    };
-    let on_side = (side_sum / (ENOUGH_ON_SIDE * near)).min(1.0);
-    let believed = if settings.light_changes { on_side } else { 1.0 };
-    let history = History {
-        ages: [0, 1].map(|part| believed * mean(&|index| kept.histories[index].ages[part])),
-        fast: mean(&|index| kept.histories[index].fast),
-        slow: mean(&|index| kept.histories[index].slow),
-        variance: mean(&|index| kept.histories[index].variance),
-        confidence: known / near,
-    };
-    let (diffuse, specular) =
-        (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
-    Some((diffuse, specular, shadow, history))
-}
-
-/// Diffuse and specular light of the other eye, and what they are worth.
-fn look_across(
-    kept: &Kept,
-    view: &View,
-    sample: &Sample,
-    point: DVec3,
-    settings: &Settings,
-) -> Option<(DVec3, DVec3, f64, f64)> {
-    let found = around(kept, view, sample, (point + offset(view, &kept.view), sample.normal), settings);
-    let agreed = agreed(&found);
-    if agreed <= LEAST_AGREEMENT {
-        return None;
-    }
-    let sum: f64 = found.iter().map(|(.., weight)| weight).sum();
-    let color = |value: &dyn Fn(usize) -> DVec3| {
-        found.iter().map(|&(index, _, weight)| value(index) * weight).sum::<DVec3>() / sum
-    };
-    let alike = alike_reflection(point, offset(view, &kept.view), sample.roughness);
-    let (diffuse, specular) =
-        (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
-    Some((diffuse, specular, agreed, agreed * alike))
 }
 
 fn brightness(sample: &Sample) -> f64 {

@@ -162,7 +162,8 @@ kernels! {
     /// Looks at what samples see.
     BeginSamples = begin_samples(
         scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
-        hits: &Buffer<HitRecord>, states: &Buffer<u32>,
+        hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>, records: &Buffer<SampleRecord>,
+        states: &Buffer<u32>,
     );
     /// Finds where a part of the sun is hidden from samples.
     TraceSunRays = trace_sun_rays(

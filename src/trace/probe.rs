@@ -17,7 +17,7 @@ use super::kernels::{
 };
 use super::source;
 use super::tracer::{self, BLOCKS_PER_TILE, Settings};
-use super::{BufferBytes, SceneBuffers, SceneData, Traversal};
+use super::{BufferBytes, SceneBuffers, SceneData, Traversal, Turn};
 
 /// Rays of a bundle, which leave one point.
 pub const BUNDLE: usize = 32;
@@ -203,6 +203,7 @@ impl Probe {
             guided: false,
             seed: 0,
             jitter: false,
+            turn: Turn::ALL,
         };
         self.camera = tracer::camera(view, self.anchor, &settings);
         self.sampled = Buffer::from_slice(&self.device, &pattern.samples)?;

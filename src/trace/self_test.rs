@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use super::tracer::Programs;
-use super::{SceneData, Settings, Tracer};
+use super::{SceneData, Settings, Tracer, Turn};
 use crate::bvh::WideBvh;
 use crate::error::{Error, Result};
 use crate::foveation::{Law, Pattern};
@@ -41,8 +41,16 @@ pub fn run(device: &Device, programs: &Programs, hardware: Option<&Context>) -> 
     let pattern = Pattern::new(&view, &Law::Full, DVec2::splat(0.5), usize::MAX);
     let uploaded = tracer.pattern(&pattern)?;
     for guided in [false, true] {
-        let settings =
-            Settings { rays: 32, bounces: 0, cached: false, edge_rays: 0, guided, seed: 1, jitter: false };
+        let settings = Settings {
+            rays: 32,
+            bounces: 0,
+            cached: false,
+            edge_rays: 0,
+            guided,
+            seed: 1,
+            jitter: false,
+            turn: Turn::ALL,
+        };
         let samples = Buffer::new(device, pattern.samples.len())?;
         let visibility = guided.then(|| Buffer::new(device, view.pixels())).transpose()?;
         let work = tracer.enqueue(&view, &settings, &uploaded, &samples, visibility.as_ref())?;

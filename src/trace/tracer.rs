@@ -59,6 +59,24 @@ pub struct Settings {
     pub seed: u32,
     /// Camera rays through random points of their pixels: for averages of many pictures.
     pub jitter: bool,
+    /// Which samples are shaded; guided settings only.
+    pub turn: Turn,
+}
+
+/// Of `of` groups of [`layout::TURN_SAMPLES`] samples the one that is shaded in this frame. Others have no light
+/// ([`crate::layout::SampleRecord`]), which is kept from earlier frames, where they see the surface that their records tell
+/// of, which then have to be those of the frame before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Turn {
+    /// Below `of`.
+    pub number: u32,
+    /// At least 1.
+    pub of: u32,
+}
+
+impl Turn {
+    /// All samples are shaded.
+    pub const ALL: Turn = Turn { number: 0, of: 1 };
 }
 
 /// What a trace did, and how long the device took for it.
@@ -319,6 +337,8 @@ impl Tracer {
             cached: u32::from(settings.cached),
             guided: u32::from(settings.guided),
             hits_per_pixel: u32::from(settings.guided),
+            turns: settings.turn.of,
+            turn: settings.turn.number,
             ..self.scene.shading
         }
     }

@@ -10,7 +10,7 @@ use foveate::layout::{HitRecord, SampleRecord, VisibilityRecord};
 use foveate::math::pose::Pose;
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{Environment, Features, Scene};
-use foveate::trace::{SceneData, SceneState, Settings, Tracer, Traversal, Traversals};
+use foveate::trace::{SceneData, SceneState, Settings, Tracer, Traversal, Traversals, Turn};
 use glam::{DVec2, DVec3};
 
 /// What every kernel can: one program for all scenes that do not ask for less.
@@ -29,8 +29,16 @@ pub const EVERYTHING: Features = Features {
 };
 
 /// 32 rays, no bounces, records of radiance.
-pub const PLAIN: Settings =
-    Settings { rays: 32, bounces: 0, cached: false, edge_rays: 0, guided: false, seed: 1, jitter: false };
+pub const PLAIN: Settings = Settings {
+    rays: 32,
+    bounces: 0,
+    cached: false,
+    edge_rays: 0,
+    guided: false,
+    seed: 1,
+    jitter: false,
+    turn: Turn::ALL,
+};
 
 /// Runs a test on every OpenCL device, one test at a time. On machines that promise a device (CI=true) it
 /// is a failure that there is none.

@@ -4,7 +4,7 @@ use super::{FrameReport, Renderer, ViewRequest};
 use crate::error::Result;
 use crate::frame::scheduler::{BegunView, DeviceShare};
 use crate::math::view::View;
-use crate::trace::{self, Job};
+use crate::trace::{self, Job, Turn};
 
 /// The cache of light makes three steps for each view until it has made so many: light reaches what only many bounces
 /// light within half a second.
@@ -13,6 +13,8 @@ const EARLY_STEPS: u64 = 96;
 impl Renderer {
     /// What devices are told of a view.
     pub(super) fn job(&mut self, index: usize, view: &View, seed: u32) -> Job {
+        let turn = self.turn(index, view);
+        self.views[index].turn = turn;
         let traced = &self.views[index];
         // Averages of many pictures are meant to be exact.
         let cached = self.settings.cached && !self.settings.jitter;
@@ -21,7 +23,13 @@ impl Renderer {
         Job {
             index,
             view: *view,
-            settings: trace::Settings { seed, cached, rays: self.rays_of(index, view), ..self.settings },
+            settings: trace::Settings {
+                seed,
+                cached,
+                turn,
+                rays: self.rays_of(index, view),
+                ..self.settings
+            },
             light: self.light,
             state: self.state.clone(),
             sky: self.sky.clone(),
@@ -43,6 +51,7 @@ impl Renderer {
         let done = self.scheduler.end(begun)?;
         let slowest = done.slowest();
         report.samples += self.views[index].pattern.samples.len();
+        report.rests |= self.views[index].turn != Turn::ALL;
         report.rays += done.rays;
         report.stages.trace += slowest.trace_ms;
         report.stages.shade += slowest.shade_ms;
@@ -61,10 +70,24 @@ impl Renderer {
         View { spacing: view.spacing.shifted(self.reconstruction.jitter(index, &view)), ..view }
     }
 
+    /// Whose turn it is among a view's samples: where view and light have rested for half of the frames that a mean holds, and
+    /// the cache has had its early steps, some are shaded, and the others keep their means. Eyes begin with different ones,
+    /// and lend each other theirs.
+    fn turn(&self, index: usize, view: &View) -> Turn {
+        let of = ((1.0 / self.time.samples).round() as u32).min(self.time.frames / 2);
+        let rests = || self.reconstruction.rests(index, view, self.time.frames / 2);
+        let changes = self.moves() || self.settings.jitter || self.light < EARLY_STEPS;
+        if of > 1 && !changes && rests() {
+            Turn { number: self.frames.wrapping_add(index as u32) % of, of }
+        } else {
+            Turn::ALL
+        }
+    }
+
     /// Light rays of each of a view's samples: fewer where earlier frames have sent some for it.
     fn rays_of(&self, index: usize, view: &View) -> u32 {
         let rays = self.settings.rays;
-        let part = (f64::from(rays) * self.rays_with_history).ceil() as u32;
+        let part = (f64::from(rays) * self.time.rays).ceil() as u32;
         if self.reconstruction.remembers(index, view) { part.clamp(1, rays) } else { rays }
     }
 }

@@ -15,7 +15,7 @@ use crate::gpu::interop::{Shared, Sharing};
 use crate::math::spacing::Spacing;
 use crate::math::view::{FieldOfView, View};
 use crate::trace::pattern_maker::PatternRequest;
-use crate::trace::{SampleTarget, State};
+use crate::trace::{SampleTarget, State, Turn};
 
 /// One traced view's pattern and the memory that its samples travel in.
 pub(super) struct TracedView {
@@ -24,13 +24,20 @@ pub(super) struct TracedView {
     pub(super) pattern: Arc<Pattern>,
     pub(super) workload: Arc<Workload>,
     pub(super) sample_target: Arc<SampleTarget>,
+    /// Which of its samples have light of this frame.
+    pub(super) turn: Turn,
     /// How the results land there, and what devices had left undone when it was made: see [`crate::frame::Scheduler::losses`].
     sharing: (Sharing, u64),
 }
 
 impl TracedView {
     pub(super) fn metered(&self) -> Metered<'_> {
-        Metered { sample_target: &self.sample_target, samples: &self.pattern.samples, width: self.view.width }
+        Metered {
+            sample_target: &self.sample_target,
+            samples: &self.pattern.samples,
+            width: self.view.width,
+            rests: self.turn != Turn::ALL,
+        }
     }
 }
 
@@ -140,7 +147,7 @@ impl Renderer {
             }
         };
         let (pattern, workload) = (Arc::new(pattern), Arc::new(workload));
-        let view = TracedView { key, view, pattern, workload, sample_target, sharing };
+        let view = TracedView { key, view, pattern, workload, sample_target, turn: Turn::ALL, sharing };
         if index < self.views.len() {
             self.views[index] = view;
         } else {

@@ -33,8 +33,11 @@ pub struct StageMs {
 /// What a frame did.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct FrameReport {
-    /// Shaded samples.
+    /// Samples of all views.
     pub samples: usize,
+    /// Whether some of them waited for their turn to be shaded ([`crate::config::TimeConfig::samples`]): then the frame tells
+    /// nothing of what others take.
+    pub rests: bool,
     /// Traced rays.
     pub rays: u64,
     /// Samples dropped since their estimate was not finite.

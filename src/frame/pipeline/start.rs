@@ -17,7 +17,7 @@ use crate::reconstruct::{self, GuidedSettings, Mode, Reconstruction, Reuse, Weig
 use crate::scene::Features;
 use crate::scene::sky::day::Day;
 use crate::trace::pattern_maker::{Neighbours, Patterns};
-use crate::trace::{self, DeformedBy, Fleet, MovingScene, MovingSky, SceneData, Traversal};
+use crate::trace::{self, DeformedBy, Fleet, MovingScene, MovingSky, SceneData, Traversal, Turn};
 use crate::waiting::{self, Limits};
 
 impl Renderer {
@@ -122,7 +122,8 @@ impl Renderer {
             samples: quality.samples,
             visibility_slope: config.foveation.visibility_slope,
             settings: trace_settings(&quality, config.trace.seed),
-            rays_with_history: config.time.rays,
+            time: config.time.clone(),
+            frames: 0,
             overlay: config.view.overlay,
             fixed_stops: config.view.exposure.fixed() as f32,
             meter: Meter::new(&config.view, output),
@@ -210,6 +211,7 @@ pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {
         guided: quality.method == Method::Guided,
         seed,
         jitter: false,
+        turn: Turn::ALL,
     }
 }
 

@@ -168,6 +168,19 @@ fn time_is_held_told_and_the_exposure_locked_where_that_is_asked() {
 }
 
 #[test]
+fn frames_whose_samples_take_turns_do_not_move_what_is_held() {
+    let mut config = per_eye();
+    config.budget.target_ms = crate::config::TargetMs::Ms(0.001);
+    let told = |rests: bool| {
+        let mut run = frames(&config, 1_000_000, 0, |_| {});
+        run.notebook.rests = rests;
+        go_on(&mut run, &config, 12);
+        run.listener.notes.iter().filter(|note| note.contains("out of reach")).count()
+    };
+    assert_eq!((told(false), told(true)), (1, 0));
+}
+
+#[test]
 fn a_field_of_view_is_scaled_as_a_whole() {
     let fov = FieldOfView { left: -1.2, right: 0.8, up: 1.0, down: -1.4 };
     let scaled = scaled(fov, 60f64.to_radians());

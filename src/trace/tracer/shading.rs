@@ -209,7 +209,10 @@ impl Wavefront {
         let of_rays = Grid { items: count as usize * BATCH, group };
         events.push(
             self.begin_samples
-                .launch(of_samples, scene, camera, shading, samples, first, count, hits, states)?
+                .launch(
+                    of_samples, scene, camera, shading, samples, first, count, hits, visibility, records,
+                    states,
+                )?
                 .into(),
         );
         let to_sun = rays_to_sun(shading);

@@ -52,8 +52,16 @@ fn check(scene: &Scene) {
         let (width, height) = (317, 203);
         let fov = FieldOfView::symmetric(1.2, f64::from(width) / f64::from(height));
         let view = View { world_from_eye, fov, width, height, spacing: Default::default() };
-        let settings =
-            Settings { rays: 1, bounces: 0, cached: false, edge_rays: 0, guided: false, seed: 5, jitter };
+        let settings = Settings {
+            rays: 1,
+            bounces: 0,
+            cached: false,
+            edge_rays: 0,
+            guided: false,
+            seed: 5,
+            jitter,
+            turn: Turn::ALL,
+        };
         let (blocks, streams) = hits_both_ways(&mut tracer, &view, settings);
         assert!(blocks.iter().filter(|hit| hit.triangle != u32::MAX).count() > view.pixels() / 4);
         for (pixel, (block, stream)) in blocks.iter().zip(&streams).enumerate() {
@@ -87,8 +95,16 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     let pattern = tracer.pattern(&Pattern::new(&view, &Law::Full, DVec2::splat(0.5), view.pixels())).unwrap();
     let samples = Buffer::new(&device, view.pixels()).unwrap();
     let records = Buffer::from_slice(&device, &vec![VisibilityRecord::default(); view.pixels()]).unwrap();
-    let settings =
-        Settings { rays: 4, bounces: 0, cached: false, edge_rays: 2, guided: true, seed: 5, jitter: false };
+    let settings = Settings {
+        rays: 4,
+        bounces: 0,
+        cached: false,
+        edge_rays: 2,
+        guided: true,
+        seed: 5,
+        jitter: false,
+        turn: Turn::ALL,
+    };
     // Neither tiles nor their ring: edges and samples are asked for what nobody has traced.
     tracer.hits = untraced(&device, view.pixels()).unwrap();
     let camera = camera(&view, tracer.anchor, &settings);

@@ -123,6 +123,8 @@ pub struct Notebook {
     pub cost: i64,
     /// Pictures for which a driver builds kernels, which takes far longer than their rays.
     pub building: usize,
+    /// Whether samples take turns in all pictures.
+    pub rests: bool,
     pub drawn: Vec<Drawn>,
     /// At which instants of the scene.
     pub instants: Vec<f64>,
@@ -164,7 +166,7 @@ impl Draw for Notebook {
         let stages =
             StageMs { trace: rays / 3.0 * frame_ms, shade: rays / 1.5 * frame_ms, ..StageMs::default() };
         self.drawn.push(drawn);
-        Ok(FrameReport { frame_ms, stages, ..FrameReport::default() })
+        Ok(FrameReport { frame_ms, stages, rests: self.rests, ..FrameReport::default() })
     }
 
     fn set_quality(&mut self, _: &Quality) -> Result<()> {
@@ -291,6 +293,7 @@ pub fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut
             clock,
             cost,
             building: 0,
+            rests: false,
             drawn: Vec::new(),
             instants: Vec::new(),
             hands: Vec::new(),
@@ -301,13 +304,18 @@ pub fn frames(config: &Config, cost: i64, count: usize, change: impl FnOnce(&mut
         listener: Listener::default(),
     };
     change(&mut run.wearer);
+    go_on(&mut run, config, count);
+    run
+}
+
+/// So many frames of a loop that begins.
+pub fn go_on(run: &mut Run, config: &Config, count: usize) {
     let mut frame_loop = FrameLoop::new(config, &SCENE, Rig::in_place(), None, None);
     for _ in 0..count {
         let mut link =
             Link { headset: &mut run.wearer, draw: &mut run.notebook, observer: &mut run.listener };
         assert!(frame_loop.step(&mut link, &Keys::default()).unwrap());
     }
-    run
 }
 
 /// When a picture is seen that was handed over at a time: at the next beat of the display.
