@@ -7,9 +7,9 @@
 //! system tells how long threads ran (Linux). The last column is a sum over all pictures: builds that make the same ones
 //! have the same.
 
-use std::fs;
+use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::path::PathBuf;
+use std::io::{Read, Seek};
 use std::time::Duration;
 
 use foveate::config::{Config, Layers, Stereo};
@@ -77,12 +77,12 @@ fn row(
         let eyes = parallel_eyes(rest.then(Pose::new(sway, DVec3::ZERO)), 0.063, fov, width, height);
         let plan = Plan::stereo(eyes, Stereo::PerEye).expect("two eyes");
         let gaze = plan.gaze_points(DVec2::splat(0.5));
-        let before = threads.spent();
+        let before = [threads.of_devices(), threads.own()];
         let report = renderer.frame(&plan, &gaze, frame as u32).expect("a frame");
-        let after = threads.spent();
+        let after = [threads.own(), threads.of_devices()];
         renderer.picture().expect("the picture").hash(&mut pictures);
         if frame >= WARM {
-            let [own, devices] = [0, 1].map(|threads| (after[threads] - before[threads]) as f64 * 1e-6);
+            let [own, devices] = [0, 1].map(|threads| (after[threads] - before[1 - threads]) as f64 * 1e-6);
             for (column, ms) in columns.iter_mut().zip([own, devices, own + devices, report.frame_ms]) {
                 column.push(ms);
             }
@@ -95,33 +95,48 @@ fn row(
     format!("{} | {:016x}", columns.each_ref().map(cell).join(" | "), pictures.finish())
 }
 
-/// The program's threads that frames are made by: this one, and those that give devices their work.
-struct Threads([Vec<PathBuf>; 2]);
+/// The program's threads that frames are made by, and what the system tells of them: files that stay open, since counting is
+/// part of what is counted.
+struct Threads {
+    own: File,
+    devices: Vec<File>,
+}
 
 impl Threads {
     /// Those that there are; looked for once, since that takes longer than some frames' work.
     fn find() -> Threads {
-        let own = std::process::id().to_string();
-        let mut found = [Vec::new(), Vec::new()];
+        let statistics =
+            |thread: &fs::DirEntry| File::open(thread.path().join("schedstat")).expect("times of threads");
+        let (id, mut own, mut devices) = (std::process::id().to_string(), None, Vec::new());
         for thread in fs::read_dir("/proc/self/task").expect("the system's list of threads").flatten() {
             let name = fs::read_to_string(thread.path().join("comm")).unwrap_or_default();
-            if thread.file_name().to_string_lossy() == own {
-                found[0].push(thread.path().join("schedstat"));
+            if thread.file_name().to_string_lossy() == id {
+                own = Some(statistics(&thread));
             } else if name.starts_with("device ") {
-                found[1].push(thread.path().join("schedstat"));
+                devices.push(statistics(&thread));
             }
         }
-        Threads(found)
+        Threads { own: own.expect("this thread"), devices }
     }
 
-    /// Nanoseconds on processors so far.
-    fn spent(&self) -> [u64; 2] {
-        // The system adds up what a thread has run when it stops running: before that some milliseconds may be missing.
-        std::thread::sleep(Duration::from_millis(1));
-        let of = |path: &PathBuf| {
-            let text = fs::read_to_string(path).unwrap_or_default();
-            text.split(' ').next().and_then(|ns| ns.parse::<u64>().ok()).unwrap_or(0)
-        };
-        self.0.each_ref().map(|paths| paths.iter().map(of).sum())
+    /// Nanoseconds that this thread was on processors so far.
+    fn own(&self) -> u64 {
+        // The system adds up what a thread has run when it may stop running: before that some milliseconds may be missing.
+        std::thread::yield_now();
+        spent(&self.own)
     }
+
+    /// The same of those that give devices their work, once they have stopped.
+    fn of_devices(&self) -> u64 {
+        std::thread::sleep(Duration::from_millis(1));
+        self.devices.iter().map(spent).sum()
+    }
+}
+
+fn spent(mut statistics: &File) -> u64 {
+    let mut text = [0; 64];
+    statistics.rewind().expect("the beginning of a file");
+    let length = statistics.read(&mut text).expect("times of a thread");
+    let text = std::str::from_utf8(&text[..length]).expect("numbers");
+    text.split(' ').next().and_then(|ns| ns.parse().ok()).expect("a number")
 }

@@ -43,7 +43,7 @@ INLINED static void add_to_cell(const Scene *scene, const Cache *cache, float3 p
             break;
         // It is kept while it is passed.
         if (atomic_or(&cache->sums[cell].parted, 2u) == 0u)
-            touched[atomic_inc(&counters[1])] = cell;
+            touched[atomic_inc(&counters[3])] = cell;
         if (halving == halvings)
             return;
         --level;
@@ -54,7 +54,7 @@ INLINED static void add_to_cell(const Scene *scene, const Cache *cache, float3 p
     if (is_sought && is_parted(scene, cache, p, n, level, seed))
         atomic_or(&sum->parted, 1u);
     if (atomic_inc(&sum->count) == 0u)
-        touched[atomic_inc(&counters[1])] = cell;
+        touched[atomic_inc(&counters[3])] = cell;
     add_exactly(sum->red, in_units(radiance.x, scale));
     add_exactly(sum->green, in_units(radiance.y, scale));
     add_exactly(sum->blue, in_units(radiance.z, scale));
@@ -84,12 +84,12 @@ static float sum_of(__global const uint *words, float scale)
     return ((float)words[1] * 0x1p+32f + (float)words[0]) * (CACHE_UNIT * scale);
 }
 
-// Takes what was brought to the cells in `touched` in.
+// Takes what was brought to the cells in `touched` in: counters[3] is how many there are.
 __kernel void settle_cells(CacheInfo info, __global CacheCell *cells, __global CacheSum *sums,
                            __global const uint *touched, __global const uint *counters)
 {
     uint item = get_global_id(0), items = get_global_size(0);
-    for (uint i = item; i < counters[1]; i += items) {
+    for (uint i = item; i < counters[3]; i += items) {
         uint cell = touched[i];
         CacheCell c = cells[cell];
         CacheSum sum = sums[cell];
@@ -114,9 +114,12 @@ __kernel void settle_cells(CacheInfo info, __global CacheCell *cells, __global C
     }
 }
 
-// Gives up cells that were not passed for long: looks at a part of all in each frame, before new ones are claimed.
-__kernel void forget_cells(CacheInfo info, __global uint *keys, __global CacheCell *cells)
+// Gives up cells that were not passed for long: looks at a part of all in each frame, before new ones are claimed. A step begins
+// without cells in `touched`, and where a view begins with it, without any counts.
+__kernel void forget_cells(CacheInfo info, __global uint *keys, __global CacheCell *cells, uint begins, __global uint *counters)
 {
+    if (get_global_id(0) < 4u && (begins != 0u || get_global_id(0) == 3u))
+        counters[get_global_id(0)] = 0u;
     uint part = CACHE_CELLS / 256u, first = info.frame % 256u * part;
     for (uint cell = first + get_global_id(0); cell < first + part; cell += get_global_size(0)) {
         if (keys[cell] != 0u && info.frame - cells[cell].frame > info.lifetime) {

@@ -33,6 +33,12 @@ const LEAVING: Duration = Duration::from_secs(2);
 static GIVEN_UP: AtomicBool = AtomicBool::new(false);
 static LEAVE: AtomicBool = AtomicBool::new(false);
 
+/// How long may be waited at once by who has waited so long: those who want to leave wait [`LEAVING`] anyway, and a frame's
+/// thread that wakes up more often has its caches to warm each time.
+pub fn step(waited: Duration) -> Duration {
+    LEAVING.saturating_sub(waited).max(STEP)
+}
+
 /// Notes that the operator wants to leave: nobody is waited for much longer.
 pub fn leave() {
     LEAVE.store(true, Ordering::Relaxed);
@@ -59,14 +65,15 @@ pub fn has_given_up() -> bool {
 pub fn wait_for<T>(who: &str, limits: Limits, mut wait: impl FnMut(Duration) -> Option<T>) -> Option<T> {
     let (mut waited, mut told) = (Duration::ZERO, false);
     loop {
-        let left = limits.end.saturating_sub(waited);
-        if let Some(answer) = wait(STEP.min(left)) {
+        let until = if told { limits.end } else { limits.told.min(limits.end) };
+        let step = step(waited).min(until.saturating_sub(waited));
+        if let Some(answer) = wait(step) {
             if told {
                 progress::complain(&format!("{who} answers again"));
             }
             return Some(answer);
         }
-        waited += STEP;
+        waited += step;
         if waited >= limits.end || leaves(waited) {
             return None;
         }
@@ -128,7 +135,7 @@ mod tests {
     #[test]
     fn answers_arrive_and_silence_ends() {
         assert_eq!(wait_for("somebody", SHORT, |_| Some(1)), Some(1));
-        let mut left = 3;
+        let mut left = 2;
         let late = wait_for("somebody", SHORT, |_| {
             left -= 1;
             (left == 0).then_some(2)
@@ -140,6 +147,15 @@ mod tests {
             None::<()>
         });
         assert_eq!((never, waited), (None, SHORT.end));
+        // Whoever waits long looks about often: a program that was stopped meanwhile has not waited for so long.
+        let mut steps = Vec::new();
+        let long = Limits { told: Duration::from_secs(1), end: Duration::from_secs(4) };
+        wait_for("somebody", long, |step| {
+            steps.push(step);
+            None::<()>
+        });
+        assert_eq!(steps[..2], [Duration::from_secs(1); 2]);
+        assert_eq!(steps[2..], [STEP; 8]);
     }
 
     #[test]

@@ -46,7 +46,7 @@ INLINED static uint pass_surfaces(const Scene *scene, const Camera *camera, cons
     return count;
 }
 
-// Sends `info.paths` paths from samples spread over the view. counters[0] sums rays, counters[1] the cells in `touched`.
+// Sends `info.paths` paths from samples spread over the view. counters[2] sums rays, counters[3] the cells in `touched`.
 __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_view, CacheInfo info, __global const uint *samples,
                           uint count, __global uint *keys, __global CacheCell *cells, __global CacheSum *sums,
                           __global uint *touched, __global uint *counters)
@@ -81,6 +81,6 @@ __kernel void light_cells(SCENE_PARAMETERS, Camera camera, Shading shading_of_vi
                 add_to_cells(&scene, &cache, &info, at->position, at->side, radiance, i, coarse != 0u, seed, touched, counters);
         }
     }
-    atomic_add(&counters[0], rays);
+    atomic_add(&counters[2], rays);
 }
 #endif

@@ -28,7 +28,7 @@ typedef char PassedFits[PASSED_END + 1u == PASSED_WORDS ? 1 : -1];
 #define PASSED_ON 2u
 #define PASSED_KNOWN 3u
 
-// Starts info.paths paths at samples spread over the view. counters[0] sums rays, counters[1] is how many cells are touched.
+// Starts info.paths paths at samples spread over the view. counters[2] sums rays, counters[3] is how many cells are touched.
 __kernel void begin_cell_paths(SCENE_PARAMETERS, Camera camera, CacheInfo info, __global const uint *samples, uint count, uint room,
                                __global uint *queue, __global uint *states, __global uint *passed, __global uint *counters)
 {
@@ -46,10 +46,10 @@ __kernel void begin_cell_paths(SCENE_PARAMETERS, Camera camera, CacheInfo info, 
     begin_path(states, queue, room, p, eye, d, t, place, seed, spread);
     for (uint i = 0; i < CACHE_PATH; ++i)
         *path_word(passed, CACHE_PATH * room, PASSED_END, i * room + p) = PASSED_NONE;
-    atomic_inc(&counters[0]);
+    atomic_inc(&counters[2]);
 }
 
-// What is found at a vertex. counters[0] sums the rays.
+// What is found at a vertex. counters[2] sums the rays.
 __kernel void resolve_cell_vertices(SCENE_PARAMETERS, Camera camera, Shading shading, CacheInfo info, uint vertex, uint room,
                                     __global uint *queue, __global uint *states, __global uint *surfaces, __global uint *step_rays,
                                     __global uint *keys, __global CacheCell *cells, __global uint *passed, __global uint *counters)
@@ -63,7 +63,7 @@ __kernel void resolve_cell_vertices(SCENE_PARAMETERS, Camera camera, Shading sha
                       path_vector(states, room, PATH_DIRECTION, p) * as_float(*path_word(states, room, PATH_T, p));
     Step step;
     read_step(&scene, &shading, room, p, states, surfaces, step_rays, &step, &rays);
-    atomic_add(&counters[0], rays);
+    atomic_add(&counters[2], rays);
     if (step.goes_on)
         go_on(&step, hash(*path_word(states, room, PATH_SEED, p) ^ 0x9e3779b9u), vertex, room, p, queue, states);
     // The eye sees the first one itself.
@@ -107,7 +107,7 @@ __kernel void weigh_cell_paths(CacheInfo info, uint room, __global uint *passed)
     }
 }
 
-// Brings that light to cells, a work-item for a vertex and one of its cells. counters[1] counts the cells in `touched`.
+// Brings that light to cells, a work-item for a vertex and one of its cells. counters[3] counts the cells in `touched`.
 __kernel void add_cell_light(SCENE_PARAMETERS, Camera camera, CacheInfo info, uint room, __global uint *keys, __global CacheCell *cells,
                              __global CacheSum *sums, __global uint *touched, __global uint *passed, __global uint *counters)
 {

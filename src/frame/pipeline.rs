@@ -5,7 +5,7 @@
 //!
 //! - prepare_view (`src/foveation/spacing.rs`, `src/foveation/pattern.rs`, `src/reconstruct/tables.rs`): only
 //!   when gaze or view have changed, for all views before any is traced: `spaced` makes the view's pixels wider
-//!   where the eye resolves less (guided; docs/foveation.md), `PatternMaker::choose` (`kernels/pattern.cl`) or, at first,
+//!   where the eye resolves less (guided; docs/foveation.md), `PatternMaker::choose` (`kernels/pattern.cl`) or, before it is ready,
 //!   `Pattern::new` chooses the pixels to sample, `Reconstruction::set_pattern` has the nearest samples of each pixel and each sample found on the Vulkan
 //!   device, beside the first view's tracing, unless `PatternMaker::choose` has found them (`kernels/cpu/neighbours.cl`)
 //! - split (`Balancer::split` in `src/frame/balance/mod.rs`): each device gets a run of the samples, and of

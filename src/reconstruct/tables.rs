@@ -8,7 +8,7 @@
 //! 1.15 and 1.5 cost more), where three searches were usual: 23 ms became 11. What gained less there: groups
 //! of eight lanes that all read the same samples, for 8 × 8 pixels or for eight samples, took about two
 //! thirds of the time before (it seems that lavapipe reads lane by lane in loops all the same). Where a processor
-//! both traces and presents, `src/trace/pattern_maker/neighbours.rs` finds them in a quarter of the time, but for a view's first pattern.
+//! both traces and presents, `src/trace/pattern_maker/neighbours.rs` finds them in a quarter of the time, but for the host's first patterns.
 
 mod bands;
 

@@ -286,7 +286,7 @@ impl Fleet {
                 return self.begun.swap_remove(at).round;
             };
             let left = first.saturating_duration_since(Instant::now());
-            match self.answers.recv_timeout(left.min(waiting::STEP)) {
+            match self.answers.recv_timeout(left.min(waiting::step(start.elapsed()))) {
                 Ok((index, answer)) => self.hear(index, answer),
                 Err(RecvTimeoutError::Timeout) => {
                     let now = Instant::now();

@@ -10,6 +10,9 @@ use crate::layout::{
 
 use super::{SceneBuffers, Traversal};
 
+/// More arguments than any kernel has: room that is taken once a launch.
+const MOST_ARGUMENTS: usize = 40;
+
 /// How many work-items a launch has, and how many of them a group.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
@@ -80,7 +83,7 @@ macro_rules! kernels {
 
                 #[allow(clippy::too_many_arguments)]
                 pub fn launch(&self, grid: Grid, $($arg: $given),*) -> Result<Event> {
-                    let mut args = Vec::new();
+                    let mut args = Vec::with_capacity(MOST_ARGUMENTS);
                     $(Given::give($arg, &mut args);)*
                     self.0.launch(&args, grid.items, grid.group)
                 }
@@ -346,7 +349,9 @@ kernels! {
         counters: &Buffer<u32>,
     );
     /// Gives up cells that no path has passed for long.
-    ForgetCells = forget_cells(info: &CacheInfo, keys: &Buffer<u32>, cells: &Buffer<CacheCell>);
+    ForgetCells = forget_cells(
+        info: &CacheInfo, keys: &Buffer<u32>, cells: &Buffer<CacheCell>, begins: u32, counters: &Buffer<u32>,
+    );
     /// Puts vertices of moving parts where they are, and turns their normals and tangents.
     DeformVertices = deform_vertices(
         rest: &Buffer<RestVertex>, count: u32, influences: &Buffer<Influence>, morphs: &Buffer<Morph>,

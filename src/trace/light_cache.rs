@@ -22,7 +22,7 @@
 mod cells;
 
 use crate::error::Result;
-use crate::gpu::opencl::{Buffer, Device, Event, Program, Transfer};
+use crate::gpu::opencl::{Buffer, Device, Event, Program};
 use crate::layout::{CACHE_CELLS, CacheCell, CacheInfo, CacheSum, Camera, Shading};
 
 use super::kernels::{ForgetCells, Grid, SceneOf, SettleCells};
@@ -68,8 +68,15 @@ struct Memory {
     cells: Buffer<CacheCell>,
     sums: Buffer<CacheSum>,
     touched: Buffer<u32>,
-    /// Rays, and cells in `touched`.
-    counters: Buffer<u32>,
+}
+
+/// What counts the work for a view.
+#[derive(Clone, Copy)]
+pub(super) struct Counters<'a> {
+    /// Light rays, samples that were dropped, the cache's rays, and cells that a step of it has touched.
+    pub words: &'a Buffer<u32>,
+    /// Whether the view begins with this step.
+    pub begins: bool,
 }
 
 impl LightCache {
@@ -111,6 +118,7 @@ impl LightCache {
 
     /// Brings light for one more frame, the `step`-th of all; camera and samples say where it is wanted. The events of
     /// its kernels.
+    #[allow(clippy::too_many_arguments)]
     pub fn update(
         &mut self,
         device: &Device,
@@ -119,6 +127,7 @@ impl LightCache {
         shading: &Shading,
         pattern: &TracePattern,
         step: u64,
+        counters: Counters,
     ) -> Result<Vec<Event>> {
         let memory = match self.memory.take() {
             Some(memory) => memory,
@@ -127,14 +136,14 @@ impl LightCache {
         let memory = self.memory.insert(memory);
         self.info.frame = step as u32;
         self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
-        memory.counters.fill_zero()?;
         let (info, group) = (&self.info, self.traversal.group());
-        let Memory { keys, cells, sums, touched, counters } = &*memory;
+        let Memory { keys, cells, sums, touched } = &*memory;
+        let Counters { words, begins } = counters;
         let settlers = Grid { items: SETTLERS, group };
-        let mut events = vec![self.forget_cells.launch(settlers, info, keys, cells)?];
+        let mut events = vec![self.forget_cells.launch(settlers, info, keys, cells, begins.into(), words)?];
         let seen = Seen { scene: SceneOf(Some(scene), self.traversal), camera, shading, pattern };
-        events.extend(self.cell_light.enqueue(device, seen, info, memory)?);
-        events.push(self.settle_cells.launch(settlers, info, cells, sums, touched, counters)?);
+        events.extend(self.cell_light.enqueue(device, seen, info, (memory, words))?);
+        events.push(self.settle_cells.launch(settlers, info, cells, sums, touched, words)?);
         Ok(events)
     }
 
@@ -147,11 +156,6 @@ impl LightCache {
     pub fn kernels(traversal: Traversal) -> &'static [&'static str] {
         CellLight::kernels(traversal)
     }
-
-    /// Starts reading the rays of the last update, the first of two numbers; none before any.
-    pub fn rays(&self) -> Result<Option<Transfer<Vec<u32>>>> {
-        self.memory.as_ref().map(|memory| memory.counters.start_read(0, 2)).transpose()
-    }
 }
 
 impl Memory {
@@ -162,7 +166,6 @@ impl Memory {
             cells: Buffer::zeroed(device, cells)?,
             sums: Buffer::zeroed(device, cells)?,
             touched: Buffer::new(device, cells)?,
-            counters: Buffer::new(device, 2)?,
         })
     }
 }

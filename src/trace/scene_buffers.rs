@@ -350,8 +350,8 @@ impl SceneBuffers {
     pub(super) const ARGUMENTS: usize = 19;
 
     /// The first arguments of a variant's kernels, in the order of `SCENE_PARAMETERS`.
-    pub fn args(&self, traversal: Traversal) -> Vec<Arg<'_>> {
-        vec![
+    pub fn args(&self, traversal: Traversal) -> [Arg<'_>; Self::ARGUMENTS] {
+        [
             match traversal {
                 Traversal::Packet => Arg::optional(&self.wide),
                 Traversal::SingleRay => Arg::optional(&self.compact),

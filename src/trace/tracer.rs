@@ -26,7 +26,7 @@ use super::kernels::{
     DescribePixels, Grid, PackVisibility, SettleBlends, ShareBlends, ShareEdges, TracePixels, TraceSamples,
     TraceSun,
 };
-use super::light_cache::LightCache;
+use super::light_cache::{Counters, LightCache};
 use super::scene_buffers::DeformKernels;
 use super::{SceneBuffers, SceneData, SceneState, SkyState, Traversal, Traversals};
 pub use camera::camera;
@@ -41,6 +41,9 @@ pub use pattern::TracePattern;
 pub(super) use programs::Programs;
 pub use programs::try_kernels;
 pub(super) use shading::{SampleShading, Work};
+
+/// Numbers in [`Counters`].
+const COUNTERS: usize = 4;
 
 /// How samples are traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,6 +87,8 @@ impl Turn {
 pub struct Traced {
     /// Camera rays and light rays.
     pub rays: u64,
+    /// Rays of the steps of the cache of light before it.
+    pub light_rays: u64,
     /// Samples whose estimate was not finite, and which were dropped.
     pub dropped: u32,
     /// Device time of camera rays and visibility, in milliseconds.
@@ -120,7 +125,10 @@ pub struct Tracer {
     hardware: Option<Hardware>,
     pack_visibility: PackVisibility,
     light: LightCache,
+    /// See [`Counters`].
     counters: Buffer<u32>,
+    /// Whether they hold what was done for the next view, and not for the last.
+    counts: bool,
     /// Grown when a view needs more.
     hits: Buffer<HitRecord>,
     /// Whether surfaces may cover pixels in part.
@@ -230,7 +238,8 @@ impl Tracer {
                 .map(|context| Hardware::new(device, context, data, program, programs.features))
                 .transpose()?,
             pack_visibility: PackVisibility::of(program)?,
-            counters: Buffer::new(device, 2)?,
+            counters: Buffer::new(device, COUNTERS)?,
+            counts: false,
             hits: untraced(device, 1)?,
             may_blend: data.features.alpha,
             may_be_glass: programs.features.glass,
@@ -286,15 +295,9 @@ impl Tracer {
     ) -> Result<Vec<Event>> {
         let camera = camera(view, self.anchor, settings);
         let shading = self.shading(&Settings { bounces: 0, cached: true, ..*settings });
-        self.light.update(&self.device, &self.scene, &camera, &shading, pattern, step)
-    }
-
-    /// Starts reading how many rays the last step of the cache of light has sent: its first number. None without any step.
-    ///
-    /// # Errors
-    /// [`crate::Error::Device`] where the device is lost.
-    pub fn light_rays(&self) -> Result<Option<Transfer<Vec<u32>>>> {
-        self.light.rays()
+        let begins = !std::mem::replace(&mut self.counts, true);
+        let counters = Counters { words: &self.counters, begins };
+        self.light.update(&self.device, &self.scene, &camera, &shading, pattern, step, counters)
     }
 
     /// Brings the scene to an instant, where it is not there yet.

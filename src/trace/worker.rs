@@ -131,9 +131,8 @@ struct Begun {
     part: Part,
     slices: Vec<Part>,
     work: InFlight,
-    /// Steps of the cache of light, and how many rays the last one has sent.
+    /// Steps of the cache of light.
     light: Vec<Event>,
-    light_rays: Option<Transfer<Vec<u32>>>,
     /// Results on their way to the host, where they are not written in place.
     samples: Option<Transfer<BufferRef>>,
     visibility: Option<Visibility>,
@@ -231,18 +230,10 @@ impl DeviceWorker {
             // It may be ahead already, where it does another's part of a view before.
             *light = job.light.max(*light);
         }
-        let light_rays = if steps.is_empty() { None } else { tracer.light_rays()? };
         let work =
             tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, samples, visibility)?;
-        let mut begun = Begun {
-            part: part.clone(),
-            slices: parts,
-            work,
-            light: steps,
-            light_rays,
-            samples: None,
-            visibility: None,
-        };
+        let mut begun =
+            Begun { part: part.clone(), slices: parts, work, light: steps, samples: None, visibility: None };
         if in_place.is_none() {
             let (first, count) = (part.samples.start as usize, part.samples.len());
             begun.samples = Some(target.samples.start_copy(samples, first, count)?);
@@ -355,30 +346,25 @@ impl DeviceWorker {
 impl Begun {
     /// Waits for the part, and tells what was done. After a failure nothing of it is let go of, which might wait for ever.
     fn finish(self, tracer: &Tracer) -> Result<PartResult> {
-        let light_rays = match &self.light_rays {
-            Some(rays) => rays.wait(),
-            None => Ok(()),
-        };
+        // The last in the queue first: once it is done all are, and the thread has slept once.
         let waits = [
-            light_rays,
-            self.work.wait(),
-            self.samples.as_ref().map_or(Ok(()), Transfer::wait),
             match &self.visibility {
                 Some(Visibility::Whole(records)) => records.wait(),
                 Some(Visibility::Packed(_, records)) => records.wait(),
                 None => Ok(()),
             },
+            self.samples.as_ref().map_or(Ok(()), Transfer::wait),
+            self.work.wait(),
         ];
         if let Some(error) = waits.into_iter().find_map(Result::err) {
             std::mem::forget(self);
             return Err(error);
         }
         let traced = tracer.finish(self.work)?;
-        let light_rays = self.light_rays.map_or(Ok(0), |rays| Ok(u64::from(rays.into_memory()?[0])))?;
         let mut done = PartResult {
             part: self.part,
             slices: self.slices.into_iter().zip(traced.parts_ms).collect(),
-            rays: traced.rays + light_rays,
+            rays: traced.rays + traced.light_rays,
             dropped: traced.dropped,
             light_ms: self.light.iter().map(Event::device_ms).sum(),
             ..PartResult::default()

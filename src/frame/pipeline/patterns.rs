@@ -88,10 +88,10 @@ impl Renderer {
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
-    /// Whether the first device is to choose a view's samples: its first pattern may be its last, where each pixel has a sample
-    /// there is nothing to choose, and a device that is late or has failed would be waited for.
+    /// Whether the first device is to choose a view's samples: nothing is built for a first pattern, which may be the last, where
+    /// each pixel has a sample there is nothing to choose, and a device that is late or has failed would be waited for.
     fn chooses(&self, index: usize, wanted: &PatternRequest) -> bool {
-        let moves = self.views.get(index).is_some();
+        let moves = self.views.get(index).is_some() || self.patterns.is_ready();
         let some = wanted.law != Law::Full && wanted.count < wanted.view.pixels();
         moves && some && *self.scheduler.fleet().state(0) == State::Ready
     }
@@ -154,5 +154,65 @@ impl Renderer {
             self.views.push(view);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, Indirect, Method, Stereo};
+    use crate::frame::stereo::parallel_eyes;
+    use crate::frame::{Loaded, Output, Plan};
+    use crate::gpu::vulkan;
+    use crate::scene::{default_viewpoint, generate};
+    use crate::trace::pattern_maker::{Patterns, testing};
+
+    /// Nothing is built for first patterns at the start; once a device makes patterns, it makes those that come first under
+    /// other settings too, and pictures are the same.
+    #[test]
+    fn first_patterns_are_the_devices_where_it_makes_patterns_already() {
+        let (Some(device), Some(context)) = (testing::processor(), vulkan::testing::context()) else {
+            return;
+        };
+        let mut config = Config::default().without_reuse();
+        (config.foveation.samples, config.trace.rays) = (Samples::Count(500), 1);
+        config.reconstruction.method = Method::KNearest;
+        // Pictures do not depend on what light was met before.
+        config.trace.indirect = Indirect::Paths;
+        let loaded = Loaded::from_glb("demo", &generate::demo::generate(), &config).unwrap();
+        let fov = FieldOfView::symmetric(1.2, 1.0);
+        let eye = default_viewpoint(&loaded.scene, 70.0).world_from_eye;
+        let plan = Plan::stereo(parallel_eyes(eye, 0.06, fov, 64, 64), Stereo::PerEye).unwrap();
+        let renderer =
+            |config: &Config| Renderer::new(&device, &context, &loaded, config, Output::Radiance).unwrap().0;
+        let mut used = renderer(&config);
+        used.patterns = Patterns::of(Some(device.clone()), None, |_, _| Ok(()));
+        let request = |view| PatternRequest {
+            view,
+            law: Law::default(),
+            gaze: DVec2::splat(0.5),
+            count: 500,
+            hidden: None,
+            lens: None,
+        };
+        let request = request(plan.views[0].0);
+        assert!(!used.chooses(0, &request), "the first pattern of all waits for nobody");
+        for frame in 0..6000 {
+            if used.patterns.is_ready() {
+                break;
+            }
+            let gaze = DVec2::new(f64::from(frame % 50) * 0.02, 0.5);
+            used.frame(&plan, &[gaze; 2], 1).unwrap();
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        config.reconstruction.k = 3;
+        used.apply(&config).unwrap();
+        assert!(used.views.is_empty() && used.chooses(0, &request) && used.chooses(1, &request));
+        let picture = |renderer: &mut Renderer| {
+            renderer.frame(&plan, &[DVec2::new(0.3, 0.6); 2], 1).unwrap();
+            renderer.picture().unwrap()
+        };
+        assert!(picture(&mut used) == picture(&mut renderer(&config)));
+        vulkan::testing::assert_valid(&context);
     }
 }

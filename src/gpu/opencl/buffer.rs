@@ -2,6 +2,7 @@
 #![allow(unsafe_code)]
 
 use std::ffi::c_void;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use bytemuck::Pod;
 use opencl3::command_queue::{enqueue_fill_buffer, enqueue_write_buffer};
@@ -21,6 +22,7 @@ pub struct Buffer<T> {
     memory: Owned<memory::Buffer<T>>,
     device: Device,
     len: usize,
+    serial: u64,
     /// Exists where another API has allocated the memory.
     handover: Option<Handover>,
 }
@@ -94,8 +96,7 @@ impl<T: Pod> Buffer<T> {
         // A handle that was not imported is still ours, and is closed.
         let memory = made.map_err(|error| device.failed("refuses shared memory", error))?;
         handle::imported(handle);
-        let handover = Some(handover);
-        Ok(Buffer { device: device.clone(), memory: Owned::new(memory), len, handover })
+        Ok(Self::of(device, memory, len, Some(handover)))
     }
 
     /// Takes memory of another API over, before kernels are launched that use it. Nothing else needs it.
@@ -120,7 +121,13 @@ impl<T: Pod> Buffer<T> {
         // SAFETY: `host` is null or valid for `len` elements (this room's callers see to it).
         let memory = unsafe { memory::Buffer::create(device.context(), flags, len, host) }
             .map_err(|e| device.failed(&format!("has no room for a buffer of {mib} MiB"), e))?;
-        Ok(Buffer { device: device.clone(), memory: Owned::new(memory), len, handover: None })
+        Ok(Self::of(device, memory, len, None))
+    }
+
+    fn of(device: &Device, memory: memory::Buffer<T>, len: usize, handover: Option<Handover>) -> Self {
+        static SERIAL: AtomicU64 = AtomicU64::new(1);
+        let serial = SERIAL.fetch_add(1, Ordering::Relaxed);
+        Buffer { device: device.clone(), memory: Owned::new(memory), len, serial, handover }
     }
 
     /// Number of elements.
@@ -224,6 +231,11 @@ impl<T: Pod> Buffer<T> {
 
     pub(super) fn device(&self) -> &Device {
         &self.device
+    }
+
+    /// A number that no other buffer of this program has or had; not 0.
+    pub(super) fn serial(&self) -> u64 {
+        self.serial
     }
 
     pub(super) fn memory(&self) -> cl_mem {

@@ -63,11 +63,11 @@ impl CellLight {
         device: &Device,
         seen: Seen,
         info: &CacheInfo,
-        memory: &Memory,
+        (memory, counters): (&Memory, &Buffer<u32>),
     ) -> Result<Vec<Event>> {
         match self {
             CellLight::Packet(kernel) => {
-                let Memory { keys, cells, sums, touched, counters } = memory;
+                let Memory { keys, cells, sums, touched } = memory;
                 let Seen { scene, camera, shading, pattern } = seen;
                 let grid = Grid { items: info.paths as usize, group: Traversal::Packet.group() };
                 let (samples, count) = (&pattern.samples, pattern.samples.len() as u32);
@@ -76,7 +76,7 @@ impl CellLight {
                 )?;
                 Ok(vec![event])
             }
-            CellLight::SingleRay(paths) => paths.enqueue(device, seen, info, memory),
+            CellLight::SingleRay(paths) => paths.enqueue(device, seen, info, (memory, counters)),
         }
     }
 }
@@ -98,7 +98,7 @@ impl CellPaths {
         device: &Device,
         seen: Seen,
         info: &CacheInfo,
-        memory: &Memory,
+        (memory, counters): (&Memory, &Buffer<u32>),
     ) -> Result<Vec<Event>> {
         let Seen { scene, camera, shading, pattern } = seen;
         let room = info.paths;
@@ -110,7 +110,7 @@ impl CellPaths {
             Some(known) => self.memory.insert(known),
             None => self.memory.insert(memory_for(device, shading.lights)?),
         };
-        let Memory { keys, cells, sums, touched, counters } = memory;
+        let Memory { keys, cells, sums, touched } = memory;
         let PathMemory { queue, states, surfaces, rays, .. } = &*own;
         let of_paths = paths::grid(room, 1);
         let (samples, count) = (&pattern.samples, pattern.samples.len() as u32);

@@ -84,6 +84,11 @@ impl Patterns {
         }
     }
 
+    /// Whether a pattern can be had at once.
+    pub fn is_ready(&self) -> bool {
+        self.working.as_ref().is_some_and(|working| working.ready)
+    }
+
     /// A pattern, with its samples sorted for searches or these done. `None` while kernels are built, and where the device has failed:
     /// then the host makes it.
     pub fn choose(&mut self, wanted: &PatternRequest) -> Option<Made> {
@@ -304,6 +309,7 @@ mod tests {
         let Some(device) = testing::processor() else { return };
         let mut patterns = Patterns::of(Some(device.clone()), None, |_, _| Ok(()));
         let mut made = None;
+        assert!(!patterns.is_ready(), "nothing is built yet");
         for _ in 0..6000 {
             made = patterns.choose(&small());
             if made.is_some() {
@@ -312,7 +318,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(10));
         }
         let (pattern, _) = made.expect("a pattern within a minute");
-        assert!(pattern == small().on_host());
+        assert!(pattern == small().on_host() && patterns.is_ready());
         assert!(patterns.choose(&small()).is_some() && patterns.take_notes().is_empty());
         // Ended while it builds: waits for that and hangs no longer.
         drop(Working::begin(device, None, |_, _| Ok(()), small()));

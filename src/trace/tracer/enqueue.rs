@@ -1,7 +1,7 @@
 //! The work of a view, handed to a device's queue.
 
 use super::pattern::Ring;
-use super::{Hardware, InFlight, Settings, TracePattern, Tracer, camera, untraced};
+use super::{COUNTERS, Hardware, InFlight, Settings, TracePattern, Tracer, camera, untraced};
 use crate::error::Result;
 use crate::foveation::pattern::TILE;
 use crate::foveation::workload::Part;
@@ -79,7 +79,9 @@ impl Tracer {
         }
         samples.acquire()?;
         visibility.map_or(Ok(()), Buffer::acquire)?;
-        self.counters.fill_zero()?;
+        if !std::mem::take(&mut self.counts) {
+            self.counters.fill_zero()?;
+        }
         let camera = camera(view, self.anchor, settings);
         let shading = self.shading(settings);
         let mut copied = None;
@@ -107,7 +109,7 @@ impl Tracer {
         }
         samples.release()?;
         visibility.map_or(Ok(()), Buffer::release)?;
-        let counters = self.counters.start_read(0, 2)?;
+        let counters = self.counters.start_read(0, COUNTERS)?;
         self.device.flush()?;
         Ok(InFlight { parts: events, camera_rays, counters, _copied: copied })
     }

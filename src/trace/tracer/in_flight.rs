@@ -34,7 +34,7 @@ pub struct InFlight {
     /// Each part's camera rays and visibility, and its shading.
     pub(super) parts: Vec<(Vec<Step>, Vec<Step>)>,
     pub(super) camera_rays: u64,
-    /// Light rays, and samples that were dropped: the last that the queue does for it.
+    /// See [`crate::trace::light_cache::Counters`]: the last that the queue does for it.
     pub(super) counters: Transfer<Vec<u32>>,
     /// The host's side of what is copied to the device meanwhile.
     pub(super) _copied: Option<Transfer<Vec<u32>>>,
@@ -57,6 +57,7 @@ impl InFlight {
         let parts_ms: Vec<[f64; 2]> = self.parts.iter().map(times).collect();
         Ok(Traced {
             rays: self.camera_rays + u64::from(counters[0]),
+            light_rays: counters[2].into(),
             dropped: counters[1],
             trace_ms: parts_ms.iter().map(|ms| ms[0]).sum(),
             shade_ms: parts_ms.iter().map(|ms| ms[1]).sum(),

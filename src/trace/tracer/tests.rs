@@ -124,6 +124,60 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     assert_eq!(hits.iter().find(known), None);
 }
 
+/// Each view has the rays of its own and of the steps of the cache before it, whoever else is in the queue.
+#[test]
+fn rays_are_counted_for_the_view_that_sends_them() {
+    let Some(info) = device::list().into_iter().next() else {
+        println!("not run: there is no OpenCL device");
+        return;
+    };
+    let device = Device::open(&info).unwrap();
+    let scene = Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap();
+    let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    let (light, _) = environment(&EnvironmentConfig::default(), 0.0).unwrap();
+    let mut tracer = Tracer::new(&device, &scene, &bvh, &light).unwrap();
+    let fov = FieldOfView::symmetric(1.2, 2.0);
+    let world_from_eye = default_viewpoint(&scene, 70.0).world_from_eye;
+    let view = View { world_from_eye, fov, width: 128, height: 64, spacing: Default::default() };
+    let pattern = tracer.pattern(&Pattern::new(&view, &Law::Full, DVec2::splat(0.5), view.pixels())).unwrap();
+    let samples = Buffer::new(&device, view.pixels()).unwrap();
+    // Rays without bounces, and whether they meet anything, do not depend on what the cache knows.
+    let settings = Settings {
+        rays: 4,
+        bounces: 0,
+        cached: false,
+        edge_rays: 0,
+        guided: false,
+        seed: 5,
+        jitter: false,
+        turn: Turn::ALL,
+    };
+    let mut traced = |steps: &[u64]| {
+        let mut begun = Vec::new();
+        let mut step = 0;
+        for &count in steps {
+            for _ in 0..count {
+                step += 1;
+                tracer.update_light(&view, &settings, &pattern, step).unwrap();
+            }
+            begun.push(tracer.enqueue(&view, &settings, &pattern, &samples, None).unwrap());
+        }
+        let done: Vec<Traced> = begun.into_iter().map(|work| tracer.finish(work).unwrap()).collect();
+        done.iter().map(|done| (done.rays, done.light_rays, done.dropped)).collect::<Vec<_>>()
+    };
+    let (alone, rays) = (traced(&[0])[0], view.pixels() as u64);
+    assert!(alone.0 > rays && alone.1 == 0 && alone.2 == 0, "{alone:?}");
+    let found = traced(&[0, 2, 0, 1, 1]);
+    let least = |steps: u64| steps * 3072..steps * 3072 * 64;
+    assert!(found.iter().all(|found| (found.0, found.2) == (alone.0, 0)), "{found:?} beside {alone:?}");
+    assert!([0, 2].iter().all(|&without| found[without].1 == 0), "{found:?}");
+    assert!(
+        [(1, 2), (3, 1), (4, 1)].iter().all(|&(at, steps)| least(steps).contains(&found[at].1)),
+        "{found:?}"
+    );
+    assert!(found[1].1 * 2 > found[3].1 * 3, "two steps send more rays than one: {found:?}");
+}
+
 #[test]
 fn blocks_hit_what_streams_hit_in_the_demo_scene() {
     check(&Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap());
