@@ -1,20 +1,20 @@
 //! How many lanes of a GPU's warps have something to do: `cargo bench --bench simt [-- --scenes demo,town,FILE]`.
 //!
 //! The kernels for GPUs trace a frame's light rays on whatever device there is, 32 from each point that a sample of a view of
-//! 640 x 400 pixels sees, and count the nodes and triangles of each. A table in Markdown: nodes and triangles of a ray, and
-//! which part of the lanes is busy at nodes, at triangles, and at both, where a node takes three times as long. A warp's lanes
-//! take a ray each, or a sample's rays one after the other; then they wait for each other after each ray, or each begins its
-//! next ray at once. After a node they test all its triangles before the next one, or so many at most, as frames do.
+//! 640 x 400 pixels sees, through a tree that is built for them, and count the steps of each. A table in Markdown: nodes and
+//! triangles of a ray; which part of the lanes is busy at nodes, at triangles, and at both, where a node takes three times as
+//! long; and how long a ray takes, in tests of triangles. A warp's lanes take a ray each, or a sample's rays one after the
+//! other, or the next ray of any sample of their group as soon as they are done, as frames do.
 
 use foveate::bench::Workload;
-use foveate::bench::simt::{BURST, Steps, bundle_per_lane, ray_per_lane, refilled_lanes};
-use foveate::config::Config;
+use foveate::bench::simt::{Steps, bundle_per_lane, ray_per_lane, shared_rays};
+use foveate::config::{Config, TraversalConfig};
 use foveate::foveation::{Law, Pattern};
 use foveate::frame::Loaded;
 use foveate::gpu::opencl::{Device, device};
 use foveate::math::view::{FieldOfView, View};
 use foveate::scene::{default_viewpoint, generate};
-use foveate::trace::probe::{COUNTED_NODES, CountingProbe, shape_of};
+use foveate::trace::probe::{COUNTED_STEPS, CountingProbe, shape_of};
 use glam::DVec2;
 
 fn main() {
@@ -23,10 +23,9 @@ fn main() {
     let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
     let device = Device::open(&info).expect("the OpenCL device");
     println!(
-        "| scene, light rays | nodes, triangles a ray | a lane a sample | a lane a ray, {BURST} tests at most \
-         | a lane a sample, {BURST} tests | its next ray at once | with 1 test | with {BURST} tests |"
+        "| scene, light rays | nodes, triangles a ray | a lane a ray | a lane a sample | lanes share rays | a ray takes |"
     );
-    println!("|{}", " --- |".repeat(8));
+    println!("|{}", " --- |".repeat(6));
     for name in value("--scenes").map_or("demo,town", String::as_str).split(',') {
         let loaded = load(name);
         let view = view(&loaded);
@@ -36,31 +35,25 @@ fn main() {
         let pattern = Pattern::new(&view, &Law::default(), DVec2::splat(0.5), count);
         Workload::new(&mut counting.probe, &shape, trees, view, pattern).expect("rays");
         for (kind, nearest) in [("any hit", false), ("nearest hit", true)] {
-            let rays = counting.tests(nearest).expect("counts");
+            let rays = counting.steps(nearest).expect("counts");
             assert!(
-                rays.iter().all(|ray| ray.len() < COUNTED_NODES),
-                "rays visit more nodes than are counted"
+                rays.iter().all(|ray| ray.len() < COUNTED_STEPS),
+                "rays take more steps than are counted"
             );
-            let Steps { nodes, tests, .. } = ray_per_lane(&rays, 1);
-            let per_ray =
-                [nodes, tests].map(|sum| format!("{:.1}", sum as f64 / rays.len() as f64)).join(", ");
-            let ways = [
-                bundle_per_lane(&rays, u8::MAX),
-                ray_per_lane(&rays, BURST),
-                bundle_per_lane(&rays, BURST),
-                refilled_lanes(&rays, u8::MAX),
-                refilled_lanes(&rays, 1),
-                refilled_lanes(&rays, BURST),
-            ];
+            let ways = [ray_per_lane(&rays), bundle_per_lane(&rays), shared_rays(&rays)];
+            let per_ray = |sum: u64| format!("{:.1}", sum as f64 / rays.len() as f64);
+            let visits = [ways[0].nodes, ways[0].tests].map(per_ray).join(", ");
+            let takes = ways.map(|steps| per_ray(steps.time())).join(", ");
             let ways = ways.map(busy).join(" | ");
             let name = name.rsplit('/').next().unwrap_or(name);
-            println!("| {name}, {kind} | {per_ray} | {ways} |");
+            println!("| {name}, {kind} | {visits} | {ways} | {takes} |");
         }
     }
 }
 
 fn load(name: &str) -> Loaded {
-    let config = Config::default();
+    let mut config = Config::default();
+    config.trace.traversal = TraversalConfig::SingleRay;
     match name {
         "demo" => Loaded::from_glb(name, &generate::demo::generate(), &config),
         "town" => {

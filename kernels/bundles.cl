@@ -33,10 +33,9 @@ __kernel void intersect_bundles(SCENE_PARAMETERS, __global const float *origins,
 }
 
 #if COUNTED
-// What ray k of bundle i visits until it is done, 32 i + k: visited[..] nodes, and tests[COUNTED * ..] on triangles after
-// each of the first.
+// The steps of ray k of bundle i until it is done, 32 i + k: their number, and steps[COUNTED * ..] what the first of them are at.
 __kernel void count_bundles(SCENE_PARAMETERS, __global const float *origins, __global const float *directions, uint count,
-                            uint nearest, __global uchar *tests, __global uint *visited)
+                            uint nearest, __global uchar *steps, __global uint *taken)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint i = (uint)get_global_id(0);
@@ -48,10 +47,10 @@ __kernel void count_bundles(SCENE_PARAMETERS, __global const float *origins, __g
     ray.triangle = NONE;
     begin_traversal(&scene, &ray, gload3(origins + 3u * (i / 32u)), 0.0f, gload3(directions + 3u * i),
                nearest ? CLOSEST_FRONT : ANY, 0u);
-    ray.tests = tests + COUNTED * i;
+    ray.steps = steps + COUNTED * i;
     while (step_traversal(&scene, &ray, stack))
         ;
-    visited[i] = ray.nodes;
+    taken[i] = ray.taken;
 }
 #endif
 #else

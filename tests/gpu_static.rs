@@ -77,7 +77,7 @@ const ALLOWED: [Limit; 40] = [
     limit("resolve_light", [80, 0], [59, 0]),
     limit("shade_punctual", [124, 128], [138, 144]),
     limit("generate_glass_rays", [48, 0], [55, 0]),
-    limit("intersect_glass_rays", [80, 128], [128, 144]),
+    limit("intersect_glass_rays", [87, 128], [128, 144]),
     limit("cross_glass_surfaces", [128, 0], [111, 0]),
     limit("shade_glass_hits", [106, 0], [90, 0]),
     limit("resolve_glass", [40, 0], [23, 0]),

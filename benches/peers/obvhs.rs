@@ -77,11 +77,16 @@ impl Obvhs {
 /// Nodes and leaf boxes, weighted by their surfaces.
 fn cost(tree: &CwBvh) -> Cost {
     let root = f64::from(tree.total_aabb.half_area());
-    let mut cost = Cost { nodes: 1.0, leaves: 0.0 };
+    let mut cost = Cost { nodes: 1.0, leaves: 0.0, triangles: 0.0 };
     for node in &tree.nodes {
         for child in (0..8).filter(|&child| !node.is_child_empty(child)) {
             let share = f64::from(node.child_aabb(child).half_area()) / root;
-            if node.is_leaf(child) { cost.leaves += share } else { cost.nodes += share }
+            if node.is_leaf(child) {
+                cost.leaves += share;
+                cost.triangles += share * f64::from((node.child_meta[child] >> 5).count_ones());
+            } else {
+                cost.nodes += share;
+            }
         }
     }
     cost

@@ -199,38 +199,47 @@ static uint ray_after(uint sought, bool found, uint triangle, uint target)
     return found ? RAY_LOST : sought == RAY_FOR_EMITTER && target != NONE ? RAY_TO_SHADE : sought;
 }
 
-// Traces the light rays of each sample, a work-item a sample, each ray as soon as the one before is done: a lane's rays do not
-// wait for those of the lanes beside it, which visit other numbers of nodes (after Aila and Laine 2009, "Understanding the
-// efficiency of ray traversal on GPUs"). Those that something is left to do for are queued.
+// Traces the light rays of each sample, as many work-items as samples. Those of a group share the rays of theirs: each takes
+// the next one as soon as its own is done, and waits neither for the rays of the lanes beside it, which visit other numbers of
+// nodes, nor for samples whose rays are longer (after Aila and Laine 2009, "Understanding the efficiency of ray traversal on
+// GPUs"). Those that something is left to do for are queued.
 __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *states, __global uint *light_rays, __global uint *queue)
 {
     Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0);
-    if (k >= count)
-        return;
-    float3 origin = state_at(states, k)->sample.origin;
-    uint chance = state_at(states, k)->sample.chance;
+    __local uint taken;
+    if (get_local_id(0) == 0u)
+        taken = 0u;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    uint first = (uint)(get_group_id(0) * get_local_size(0));
+    uint samples = first < count ? min(count - first, (uint)get_local_size(0)) : 0u;
     RayTraversal ray;
     uint2 stack[STACK_LEVELS];
-    bool under_way = false;
-    for (uint at = k; under_way || at < 32u * count;) {
+    uint at = 0;
+    bool under_way = false, left = samples > 0u;
+    while (under_way || left) {
         if (!under_way) {
-            uint sought = *word_of(light_rays, count, PLANE_SOUGHT, at) & ~IS_SMOOTH;
+            uint number = atomic_inc(&taken);
+            left = number < 32u * samples;
+            if (left) {
+                uint k = first + number % samples;
+                at = k + count * (number / samples);
+                uint sought = *word_of(light_rays, count, PLANE_SOUGHT, at) & ~IS_SMOOTH;
 #if HARDWARE_RAYS
-            // The others were traced before.
-            sought = sought & IS_OPEN ? sought & ~IS_OPEN : RAY_UNUSED;
+                // The others were traced before.
+                sought = sought & IS_OPEN ? sought & ~IS_OPEN : RAY_UNUSED;
 #endif
-            if (sought == RAY_UNUSED) {
-                at += count;
-                continue;
+                under_way = sought != RAY_UNUSED;
+                if (under_way) {
+                    __global const Sample *sample = &state_at(states, k)->sample;
+                    ray.t_max = as_float(*word_of(light_rays, count, PLANE_T, at));
+                    ray.triangle = NONE;
+                    begin_traversal(&scene, &ray, sample->origin, 0.0f, vector_of(light_rays, count, PLANE_DIRECTION, at),
+                                    sought == RAY_FOR_SKY ? ANY : CLOSEST_OR_BACK, sample->chance);
+                }
             }
-            ray.t_max = as_float(*word_of(light_rays, count, PLANE_T, at));
-            ray.triangle = NONE;
-            begin_traversal(&scene, &ray, origin, 0.0f, vector_of(light_rays, count, PLANE_DIRECTION, at),
-                            sought == RAY_FOR_SKY ? ANY : CLOSEST_OR_BACK, chance);
         }
-        under_way = step_traversal(&scene, &ray, stack);
-        if (!under_way) {
+        if (under_way && !step_traversal(&scene, &ray, stack)) {
+            under_way = false;
             __global uint *sought = word_of(light_rays, count, PLANE_SOUGHT, at);
 #if HARDWARE_RAYS
             *sought &= ~IS_OPEN;
@@ -242,7 +251,6 @@ __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *
                 *word_of(light_rays, count, PLANE_TRIANGLE, at) = ray.found ? ray.triangle : NONE;
                 queue[1u + atomic_inc(&queue[0])] = at;
             }
-            at += count;
         }
     }
 }

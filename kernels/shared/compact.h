@@ -183,6 +183,9 @@ static bool enters_instance(const Scene *scene, uint *link, uint depth, Within *
     return false;
 }
 
+// Of a ray's `leaves`: more than triangles a leaf has before its last one.
+#define LEAF_WAITS 8u
+
 // A ray under way. A level of the tree waits in one entry of a stack (after Ylitie, Karras and Laine 2017): its node, and the
 // children that are left of it. The stack stands by itself, as compilers keep what has an array in memory.
 typedef struct {
@@ -198,13 +201,14 @@ typedef struct {
     bool at_node;
     uint waiting;
     float met;
-    // The leaf it is at: its first triangle, how many there are, and the next one.
-    uint first, size, next;
+    // LEAF_WAITS for each leaf that waits, two at most, and the next triangle of the first one. Their links lie in the last entry
+    // of the stack, where they take no registers.
+    uint leaves;
     Within within;
 #if COUNTED
-    // For each node how many triangles were tested after it, where that is asked, and how many nodes that were.
-    __global uchar *tests;
-    uint nodes;
+    // For each step whether it was at a node (1) and at a triangle (2), where that is asked, and how many steps that were.
+    __global uchar *steps;
+    uint taken;
 #endif
 } RayTraversal;
 
@@ -221,38 +225,61 @@ static void begin_traversal(const Scene *scene, RayTraversal *w, float3 origin, 
     w->depth = 0;
     w->link = 0;
     w->at_node = true;
+    w->waiting = 0;
+    w->leaves = 0;
     w->within.instance = w->within.floor = 0u;
 #if COUNTED
-    w->tests = 0;
-    w->nodes = 0;
+    w->steps = 0;
+    w->taken = 0;
 #endif
 }
 
 #if COUNTED
-static void count_node(RayTraversal *w)
+static void count_step(RayTraversal *w)
 {
-    if (w->tests && w->nodes < COUNTED)
-        w->tests[w->nodes] = 0;
-    ++w->nodes;
+    if (w->steps && w->taken < COUNTED)
+        w->steps[w->taken] = 0;
+    ++w->taken;
 }
 
-static void count_test(RayTraversal *w)
+static void count_part(RayTraversal *w, uint part)
 {
-    if (w->tests && w->nodes <= COUNTED && w->tests[w->nodes - 1u] < 255)
-        ++w->tests[w->nodes - 1u];
+    if (w->steps && w->taken <= COUNTED)
+        w->steps[w->taken - 1u] |= part;
 }
 #else
-#define count_node(w)
-#define count_test(w)
+#define count_step(w)
+#define count_part(w, part)
 #endif
 
-// Goes on to the next child that is not behind a hit, a node or a leaf: true where there is one.
-INLINED static bool next_child(const Scene *scene, RayTraversal *w, uint2 *stack)
+// Leaves that wait are tested where they were found, in the world or in an instance, before the ray comes to another.
+static bool waits_to_leave_instance(const RayTraversal *w)
 {
-    for (;;) {
+#if HAS_INSTANCES
+    return w->leaves && w->depth <= w->within.floor;
+#else
+    return false;
+#endif
+}
+
+static bool waits_to_enter_instance(const Scene *scene, const RayTraversal *w)
+{
+#if HAS_INSTANCES
+    return w->leaves && scene->nodes[w->link].exponents == PORTAL;
+#else
+    return false;
+#endif
+}
+
+static uint *leaves_of(uint2 *stack) { return (uint *)(stack + STACK_LEVELS - 1u); }
+
+// Goes on to the next node that is not behind a hit. Leaves on the way wait, two at most: a third one is left where it is.
+INLINED static void next_node(const Scene *scene, RayTraversal *w, uint2 *stack)
+{
+    while (!w->at_node) {
         if (!w->waiting) {
-            if (!w->depth)
-                return false;
+            if (!w->depth || waits_to_leave_instance(w))
+                return;
             --w->depth;
             w->link = stack[w->depth].x;
             w->waiting = stack[w->depth].y;
@@ -263,55 +290,57 @@ INLINED static bool next_child(const Scene *scene, RayTraversal *w, uint2 *stack
         }
         __global const CompactNode *node = scene->nodes + w->link;
         uint child = w->waiting & 7u;
-        w->waiting >>= 4;
-        if (w->t_max < w->met && child_entry(node, child, node_seen(node, &w->ray), w->ray.around, w->ray.inverse) > w->t_max * SLAB_WIDENING)
+        if (w->t_max < w->met && child_entry(node, child, node_seen(node, &w->ray), w->ray.around, w->ray.inverse) > w->t_max * SLAB_WIDENING) {
+            w->waiting >>= 4;
             continue;
+        }
         uint to = child_link(node, child);
+        if (to & LEAF && w->leaves >= 2u * LEAF_WAITS)
+            return;
+        w->waiting >>= 4;
         if (to & LEAF) {
-            w->first = to & 0x0fffffffu;
-            w->size = (to >> 28 & 7u) + 1u;
-            w->next = 0;
+            leaves_of(stack)[w->leaves / LEAF_WAITS] = to;
+            w->leaves += LEAF_WAITS;
         } else {
             if (w->waiting)
                 stack[w->depth++] = (uint2)(w->link, w->waiting);
             w->link = to;
             w->at_node = true;
         }
-        return true;
     }
 }
 
-// Triangles that a step tests at most: lanes that have many do not keep those waiting that are at nodes, and one at a time
-// keeps them waiting for the nodes (benches/simt.rs).
-#define BURST 2u
-
-// Visits a node, or tests triangles of a leaf, or both: true while the ray goes on.
+// Visits a node, goes on to the next one, and tests a triangle that waits, if there are any: true while the ray goes on. A
+// lane whose leaves wait visits further nodes, as long as there is room for its leaves: tests are few beside nodes, and
+// lanes that have some keep those that have none waiting for one test at most (after Aila and Laine 2009; benches/simt.rs).
 INLINED static bool step_traversal(const Scene *scene, RayTraversal *w, uint2 *stack)
 {
-    if (w->at_node) {
+    count_step(w);
+    if (w->at_node && !waits_to_enter_instance(scene, w)) {
         if (enters_instance(scene, &w->link, w->depth, &w->within))
             w->ray = box_ray(scene, w->within.instance, w->origin, w->low, w->d);
-        count_node(w);
+        count_part(w, 1u);
         __global const CompactNode *node = scene->nodes + w->link;
         w->met = w->t_max;
         w->waiting = entered_children(node, node_seen(node, &w->ray), w->ray.around, w->ray.inverse, w->t_max);
         w->at_node = false;
-        if (!next_child(scene, w, stack))
-            return false;
     }
-    for (uint test = 0; test < BURST && !w->at_node; ++test) {
-        count_test(w);
-        __global const float *row = scene->leaves + 9u * w->first + w->next;
-        if (intersect_triangle(scene, w->within.instance, w->first + w->next, row, w->size, w->origin, w->low, w->d, &w->t_max,
-                               &w->triangle, w->kind, w->seed)) {
-            w->found = true;
-            if (w->kind == ANY)
-                return false;
+    next_node(scene, w, stack);
+    if (w->leaves) {
+        count_part(w, 2u);
+        uint *leaves = leaves_of(stack);
+        uint first = leaves[0] & 0x0fffffffu, size = (leaves[0] >> 28 & 7u) + 1u, next = w->leaves % LEAF_WAITS;
+        w->leaves += 1u;
+        if (next + 1u == size) {
+            leaves[0] = leaves[1];
+            w->leaves -= LEAF_WAITS + size;
         }
-        if (++w->next == w->size && !next_child(scene, w, stack))
-            return false;
+        __global const float *row = scene->leaves + 9u * first + next;
+        if (intersect_triangle(scene, w->within.instance, first + next, row, size, w->origin, w->low, w->d, &w->t_max,
+                               &w->triangle, w->kind, w->seed))
+            w->found = true;
     }
-    return true;
+    return !(w->kind == ANY && w->found) && (w->at_node || w->waiting || w->depth || w->leaves);
 }
 
 // Finds the nearest hit (CLOSEST_FRONT) or whether there is any: true where there is one.

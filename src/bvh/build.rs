@@ -13,23 +13,25 @@ use rayon::prelude::*;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use super::TreeFor;
 use super::binary::{self, Primitive};
-use super::binary_tree::{BinaryTree, eight_below};
+use super::binary_tree::BinaryTree;
 use super::choice::{Choice, Chosen};
 use super::improve;
 use super::wide::{LEAF, LeafSlot, WideBvh, WideNode};
 
 impl WideBvh {
-    /// Builds a tree over triangles with finite vertices, on all cores.
+    /// Builds a tree over triangles with finite vertices, on all cores, for packets.
     pub fn build(positions: &[Vec3], triangles: &[[u32; 3]]) -> WideBvh {
-        WideBvh::build_and_tell(positions, triangles, &|_| ())
+        WideBvh::build_for(TreeFor::Packets, positions, triangles, &|_| ())
     }
 
-    /// [`WideBvh::build`], telling how much of it is done, from 0 to 1.
+    /// The same for what is to walk it, telling how much of it is done, from 0 to 1.
     ///
     /// Two trees are built where some triangles fill little of their boxes, from above and from below, and the
     /// better one is kept; elsewhere the one from above is.
-    pub fn build_and_tell(
+    pub fn build_for(
+        tree_for: TreeFor,
         positions: &[Vec3],
         triangles: &[[u32; 3]],
         tell: &(dyn Fn(f64) + Sync),
@@ -50,29 +52,30 @@ impl WideBvh {
         if !has_long_triangles {
             // Half a gigabyte, for large scenes, which the steps that follow have a use for.
             drop(primitives);
-            return WideBvh::from_binary(improve::reinserted(tree));
+            return WideBvh::from_binary(improve::reinserted(tree), tree_for);
         }
-        let from_above = WideBvh::from_binary(improve::reinserted(tree));
-        let from_below = WideBvh::from_binary(improve::clustered(&primitives));
-        if from_below.cost().sum() < from_above.cost().sum() { from_below } else { from_above }
+        let from_above = WideBvh::from_binary(improve::reinserted(tree), tree_for);
+        let from_below = WideBvh::from_binary(improve::clustered(&primitives), tree_for);
+        let cost = |tree: &WideBvh| tree.cost().of(tree_for);
+        if cost(&from_below) < cost(&from_above) { from_below } else { from_above }
     }
 
     /// A tree whose boxes will follow their vertices: no triangle is cut, since pieces would not.
-    pub fn build_whole(positions: &[Vec3], triangles: &[[u32; 3]]) -> WideBvh {
+    pub fn build_whole(tree_for: TreeFor, positions: &[Vec3], triangles: &[[u32; 3]]) -> WideBvh {
         let mut primitives = primitives_of(positions, triangles);
         if primitives.is_empty() {
             return WideBvh { nodes: vec![WideNode::VACANT], order: Vec::new() };
         }
         let tree = binary::build(&mut primitives, &|_| ());
         drop(primitives);
-        WideBvh::from_binary(improve::reinserted(tree))
+        WideBvh::from_binary(improve::reinserted(tree), tree_for)
     }
 
     /// Makes a tree wide, whoever built it.
-    pub fn from_binary(tree: BinaryTree) -> WideBvh {
+    pub fn from_binary(tree: BinaryTree, tree_for: TreeFor) -> WideBvh {
         let order = Vec::with_capacity(tree.triangles.len());
         let mut wide = WideBvh { nodes: vec![WideNode::VACANT], order };
-        wide.collapse(&Choice::of(tree));
+        wide.collapse(&Choice::of(tree, tree_for));
         wide
     }
 
@@ -80,7 +83,7 @@ impl WideBvh {
     fn collapse(&mut self, choice: &Choice) {
         let mut pending = vec![(0, 0usize)];
         while let Some((root, wide)) = pending.pop() {
-            for (slot, child) in eight_below(root, |node| choice.opened(node)).into_iter().enumerate() {
+            for (slot, child) in choice.children(root).into_iter().enumerate() {
                 let Chosen { bounds, first, triangles } = choice.nodes[child as usize];
                 let link = if triangles > 0 {
                     self.emit_leaf(&choice.triangles[first as usize..][..triangles as usize])
@@ -116,6 +119,8 @@ fn primitives_of(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Primitive> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::binary_tree::eight_below;
+    use crate::bvh::forest::LONE_TRIANGLES;
 
     /// A deterministic cloud of small triangles.
     fn cloud(n: usize) -> (Vec<Vec3>, Vec<[u32; 3]>) {
@@ -144,12 +149,56 @@ mod tests {
     }
 
     #[test]
+    fn trees_for_single_rays_have_small_leaves() {
+        for n in [0, 1, 2, 3, 9, 100, 20_000] {
+            let (positions, triangles) = cloud(n);
+            let [packets, single] = [TreeFor::Packets, TreeFor::SingleRays]
+                .map(|tree_for| WideBvh::build_for(tree_for, &positions, &triangles, &|_| ()));
+            assert_eq!(packets, WideBvh::build(&positions, &triangles));
+            single.validate(&positions, &triangles).unwrap();
+            assert!(single.is_sound(&positions, &triangles));
+            let largest = |tree: &WideBvh| tree.order.iter().map(|slot| slot.leaf_len).max().unwrap_or(0);
+            assert!(usize::from(largest(&single)) <= LONE_TRIANGLES);
+            let whole = WideBvh::build_whole(TreeFor::SingleRays, &positions, &triangles);
+            whole.validate(&positions, &triangles).unwrap();
+            assert!(usize::from(largest(&whole)) <= LONE_TRIANGLES);
+            if n > 1000 {
+                assert!(usize::from(largest(&packets)) > LONE_TRIANGLES);
+            }
+        }
+    }
+
+    #[test]
+    fn single_rays_pay_no_more_than_where_the_largest_nodes_are_opened() {
+        let (positions, triangles) = cloud(5000);
+        let mut primitives = primitives_of(&positions, &triangles);
+        let tree = binary::build(&mut primitives, &|_| ());
+        // The same leaves, and eight children a node as trees for packets have them.
+        let choice = Choice::of(tree, TreeFor::SingleRays);
+        let (mut nodes, mut pending) = (0.0, vec![0]);
+        let opened = |at: u32| {
+            let node = &choice.nodes[at as usize];
+            (node.triangles == 0).then_some((node.bounds.half_area(), node.first))
+        };
+        while let Some(at) = pending.pop() {
+            nodes += choice.nodes[at as usize].bounds.half_area();
+            pending.extend(eight_below(at, opened).into_iter().filter(|&child| opened(child).is_some()));
+        }
+        let mut best = WideBvh { nodes: vec![WideNode::VACANT], order: Vec::new() };
+        best.collapse(&choice);
+        let greedy = nodes / choice.nodes[0].bounds.half_area();
+        assert!(best.cost().nodes < greedy, "{} {greedy}", best.cost().nodes);
+    }
+
+    #[test]
     fn a_million_coincident_triangles_are_no_trouble() {
         let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
         let triangles = vec![[0, 1, 2]; 1_000_000];
-        let bvh = WideBvh::build(&positions, &triangles);
-        bvh.validate(&positions, &triangles).unwrap();
-        assert!(bvh.depth() <= 20, "{}", bvh.depth());
+        for tree_for in [TreeFor::Packets, TreeFor::SingleRays] {
+            let bvh = WideBvh::build_for(tree_for, &positions, &triangles, &|_| ());
+            bvh.validate(&positions, &triangles).unwrap();
+            assert!(bvh.depth() <= 20, "{}", bvh.depth());
+        }
     }
 
     #[test]
@@ -168,9 +217,11 @@ mod tests {
             })
             .collect();
         let triangles: Vec<[u32; 3]> = (0..240).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-        let bvh = WideBvh::build(&positions, &triangles);
-        bvh.validate(&positions, &triangles).unwrap();
-        assert!(bvh.depth() <= crate::bvh::MAX_DEPTH);
+        for tree_for in [TreeFor::Packets, TreeFor::SingleRays] {
+            let bvh = WideBvh::build_for(tree_for, &positions, &triangles, &|_| ());
+            bvh.validate(&positions, &triangles).unwrap();
+            assert!(bvh.depth() <= crate::bvh::MAX_DEPTH);
+        }
     }
 
     #[test]
@@ -192,7 +243,7 @@ mod tests {
                 triangle: index as u32,
             })
             .collect();
-        let plain = WideBvh::from_binary(binary::build(&mut whole, &|_| ()));
+        let plain = WideBvh::from_binary(binary::build(&mut whole, &|_| ()), TreeFor::Packets);
         assert!(bvh.cost().sum() < plain.cost().sum(), "{:?} {:?}", bvh.cost(), plain.cost());
     }
 
@@ -200,7 +251,8 @@ mod tests {
     fn building_tells_how_far_it_is() {
         let (positions, triangles) = cloud(20_000);
         let told = std::sync::Mutex::new(Vec::new());
-        WideBvh::build_and_tell(&positions, &triangles, &|done| told.lock().unwrap().push(done));
+        let tell = |done| told.lock().unwrap().push(done);
+        WideBvh::build_for(TreeFor::Packets, &positions, &triangles, &tell);
         let told = told.into_inner().unwrap();
         let last = told.iter().copied().fold(0.0, f64::max);
         assert!(told.len() > 3 && last > 0.4 && last <= 1.0, "{told:?}");

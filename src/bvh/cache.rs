@@ -7,7 +7,7 @@
 //! who wrote it: a tree is used only if it is sound ([`WideBvh::is_sound`]).
 //!
 //! **Trees on disk.** Trees of 50,000 triangles and more are kept in `$XDG_CACHE_HOME/foveate/trees` under a
-//! hash of their triangles (XXH3, by the xxhash-rust crate), at most 1 GiB together. A checksum does not tell
+//! hash of their triangles and of what walks the tree (XXH3, by the xxhash-rust crate), at most 1 GiB together. A checksum does not tell
 //! who wrote a file, and kernels look neither at where links lead nor at how deep they go: a tree is used
 //! only if one pass over it finds every node below one parent, no hole before a child, every place in one
 //! leaf, boxes that hold what is below them, and no path longer than the stacks (`src/bvh/check.rs`).
@@ -24,6 +24,7 @@ use std::time::SystemTime;
 use glam::Vec3;
 use xxhash_rust::xxh3::Xxh3;
 
+use super::TreeFor;
 use super::wide::{EMPTY, LEAF, LeafSlot, WideBvh, WideNode, leaf_range};
 use crate::error::Error;
 use crate::private_file::{self, user_folder};
@@ -56,10 +57,11 @@ impl TreeCache {
         TreeCache { folder, most_bytes: MOST_BYTES }
     }
 
-    /// The tree over these triangles, and whether it was found: else it is built by `build` and kept. A
+    /// The tree over these triangles for what is to walk it, and whether it was found: else it is built by `build` and kept. A
     /// cache that cannot be written is no error, only slow.
     pub fn find_or(
         &self,
+        tree_for: TreeFor,
         positions: &[Vec3],
         triangles: &[[u32; 3]],
         build: impl FnOnce() -> WideBvh,
@@ -67,7 +69,7 @@ impl TreeCache {
         if triangles.len() < LEAST_TRIANGLES {
             return (build(), false);
         }
-        let path = self.folder.join(format!("{:032x}.tree", key(positions, triangles)));
+        let path = self.folder.join(format!("{:032x}.tree", key(tree_for, positions, triangles)));
         if let Some(tree) = read(&path, positions, triangles) {
             return (tree, true);
         }
@@ -122,9 +124,12 @@ impl TreeCache {
 }
 
 /// What a tree is found by: everything that it depends on.
-fn key(positions: &[Vec3], triangles: &[[u32; 3]]) -> u128 {
+fn key(tree_for: TreeFor, positions: &[Vec3], triangles: &[[u32; 3]]) -> u128 {
     let mut hash = Xxh3::new();
     hash.update(BUILDER);
+    if tree_for == TreeFor::SingleRays {
+        hash.update(b" for single rays");
+    }
     hash.update(&(positions.len() as u64).to_le_bytes());
     hash.update(bytemuck::cast_slice(positions));
     hash.update(bytemuck::cast_slice(triangles));
@@ -194,6 +199,8 @@ fn slots(nodes: &[WideNode], order: &[u32], triangles: usize) -> Option<Vec<Leaf
 mod tests {
     use super::*;
 
+    const PACKETS: TreeFor = TreeFor::Packets;
+
     /// As many triangles as are worth a file, in a row.
     fn row(shift: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
         let positions =
@@ -210,7 +217,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = TreeCache::in_folder(folder.path().join("a/trees"));
         let (positions, triangles) = row(0.0);
-        let ask = || cache.find_or(&positions, &triangles, || WideBvh::build(&positions, &triangles));
+        let ask =
+            || cache.find_or(PACKETS, &positions, &triangles, || WideBvh::build(&positions, &triangles));
         let (built, found) = ask();
         assert!(!found);
         built.validate(&positions, &triangles).unwrap();
@@ -238,7 +246,28 @@ mod tests {
         sparse.set_len(HEADER as u64 + nodes * size_of::<WideNode>() as u64).unwrap();
         assert_eq!(ask(), (built.clone(), false));
         let (moved, _) = row(1.0);
-        assert!(!cache.find_or(&moved, &triangles, || WideBvh::build(&moved, &triangles)).1, "another scene");
+        assert!(
+            !cache.find_or(PACKETS, &moved, &triangles, || WideBvh::build(&moved, &triangles)).1,
+            "another scene"
+        );
+    }
+
+    #[test]
+    fn each_walker_finds_its_own_tree() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = TreeCache::in_folder(folder.path().to_path_buf());
+        let (positions, triangles) = row(0.0);
+        let ask = |tree_for| {
+            let build = || WideBvh::build_for(tree_for, &positions, &triangles, &|_| ());
+            cache.find_or(tree_for, &positions, &triangles, build)
+        };
+        let kinds = [TreeFor::Packets, TreeFor::SingleRays];
+        let built = kinds.map(|tree_for| ask(tree_for).0);
+        assert_ne!(built[0], built[1]);
+        for (tree_for, tree) in kinds.into_iter().zip(built) {
+            assert_eq!(ask(tree_for), (tree, true));
+        }
+        assert_eq!(files(folder.path()).len(), 2);
     }
 
     #[test]
@@ -261,7 +290,7 @@ mod tests {
         let scenes = [0.0, 1.0, 2.0].map(row);
         let ask = |cache: &TreeCache, i: usize| {
             let (positions, triangles) = &scenes[i];
-            cache.find_or(positions, triangles, || WideBvh::build(positions, triangles)).1
+            cache.find_or(PACKETS, positions, triangles, || WideBvh::build(positions, triangles)).1
         };
         assert!(!ask(&cache, 0) && !ask(&cache, 1));
         let sizes = files(folder.path()).into_iter().map(|file| fs::metadata(file).unwrap().len());
@@ -280,7 +309,9 @@ mod tests {
         let (positions, triangles) = row(0.0);
         let cache = TreeCache::in_folder(file.join("trees"));
         for _ in 0..2 {
-            assert!(!cache.find_or(&positions, &triangles, || WideBvh::build(&positions, &triangles)).1);
+            assert!(
+                !cache.find_or(PACKETS, &positions, &triangles, || WideBvh::build(&positions, &triangles)).1
+            );
         }
     }
 }

@@ -3,21 +3,24 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::LEAF_TRIANGLES;
 use super::binary::{Bounds, DEPTH_LIMIT};
-use super::binary_tree::BinaryTree;
+use super::binary_tree::{BinaryTree, eight_below};
+use super::forest::{self, Forests};
+use super::{LEAF_TRIANGLES, TreeFor};
 
 /// Cost of a binary node in units of a leaf's test. One wide node stands for up to seven binary
 /// ones, and eight lanes test eight boxes or eight triangles in about the same time.
 const NODE_COST: f64 = 1.0 / 7.0;
 /// Levels near the root, whose subtrees are large enough to be worth a thread.
-const PARALLEL_LEVELS: u32 = 8;
+pub(super) const PARALLEL_LEVELS: u32 = 8;
 
 /// A binary tree after it was decided which subtrees become leaves. Node 0 is the root.
 pub struct Choice {
     pub nodes: Vec<Chosen>,
     /// Of the leaves.
     pub triangles: Vec<u32>,
+    /// For single rays, how the forests below each node are shared out.
+    shares: Option<Vec<u32>>,
 }
 
 /// An inner node or a leaf.
@@ -31,17 +34,19 @@ pub struct Chosen {
 }
 
 impl Choice {
-    /// Subtrees of at most eight triangles become leaves where testing them all costs no more, by
-    /// the surface area heuristic, than walking what is below. What lies too deep is halved by count first.
-    pub fn of(mut tree: BinaryTree) -> Choice {
-        let mut leaves = Leaves::of(&tree, DEPTH_LIMIT);
-        let too_deep = std::mem::take(leaves.too_deep.get_mut().expect("no thread has panicked"));
+    /// Subtrees become leaves where testing all their triangles costs no more, by the surface area heuristic, than walking
+    /// what is below. What lies too deep is halved by count first.
+    pub fn of(mut tree: BinaryTree, tree_for: TreeFor) -> Choice {
+        let mut leaves = Leaves::of(&tree, DEPTH_LIMIT, tree_for);
+        let too_deep = leaves.take_too_deep();
         if !too_deep.is_empty() {
             too_deep.into_iter().for_each(|at| tree.halve_below(at));
-            leaves = Leaves::of(&tree, u32::MAX);
+            leaves = Leaves::of(&tree, u32::MAX, tree_for);
         }
         let vacant = Chosen { bounds: Bounds::EMPTY, first: 0, triangles: 0 };
-        let mut choice = Choice { nodes: vec![vacant], triangles: Vec::with_capacity(tree.triangles.len()) };
+        let shares = matches!(leaves, Leaves::Lone(_)).then(|| vec![0]);
+        let mut choice =
+            Choice { nodes: vec![vacant], triangles: Vec::with_capacity(tree.triangles.len()), shares };
         let mut pending = vec![(0, 0)];
         while let Some((from, to)) = pending.pop() {
             let bounds = tree.bounds(from);
@@ -51,6 +56,10 @@ impl Choice {
                 Some(children) => {
                     let first = choice.nodes.len();
                     choice.nodes.extend([vacant; 2]);
+                    if let (Some(shares), Leaves::Lone(forests)) = (&mut choice.shares, &leaves) {
+                        shares.extend([0; 2]);
+                        shares[to] = forests.shares(from);
+                    }
                     pending.extend([(children + 1, first + 1), (children, first)]);
                     Chosen { bounds, first: first as u32, triangles: 0 }
                 }
@@ -76,25 +85,66 @@ impl Choice {
         Chosen { bounds, first, triangles: found.len() as u32 }
     }
 
-    /// Of an inner node half its surface and its first child.
-    pub fn opened(&self, at: u32) -> Option<(f64, u32)> {
-        let node = &self.nodes[at as usize];
-        (node.triangles == 0).then(|| (node.bounds.half_area(), node.first))
+    /// Up to eight descendants of a node, the children of the wide node that it becomes.
+    pub fn children(&self, at: u32) -> Vec<u32> {
+        let first = |at: u32| {
+            let node = &self.nodes[at as usize];
+            (node.triangles == 0).then_some((node, node.first))
+        };
+        match &self.shares {
+            Some(shares) => {
+                forest::children(at, &|at| first(at).map(|(_, first)| (shares[at as usize], first)))
+            }
+            None => eight_below(at, |at| first(at).map(|(node, first)| (node.bounds.half_area(), first))),
+        }
     }
 }
 
 /// The inner nodes that become leaves.
-struct Leaves {
+enum Leaves {
+    /// Of up to eight triangles, tested together.
+    Wide(WideLeaves),
+    /// Of few triangles, tested one after the other.
+    Lone(Forests),
+}
+
+impl Leaves {
+    fn of(tree: &BinaryTree, limit: u32, tree_for: TreeFor) -> Leaves {
+        match tree_for {
+            TreeFor::Packets => Leaves::Wide(WideLeaves::of(tree, limit)),
+            TreeFor::SingleRays => Leaves::Lone(Forests::of(tree, limit)),
+        }
+    }
+
+    /// Inner nodes at the limit of depth, below which nothing was looked at.
+    fn take_too_deep(&mut self) -> Vec<u32> {
+        let too_deep = match self {
+            Leaves::Wide(leaves) => &mut leaves.too_deep,
+            Leaves::Lone(forests) => &mut forests.too_deep,
+        };
+        std::mem::take(too_deep.get_mut().expect("no thread has panicked"))
+    }
+
+    fn contain(&self, at: u32) -> bool {
+        match self {
+            Leaves::Wide(leaves) => leaves.contain(at),
+            Leaves::Lone(forests) => forests.is_leaf(at),
+        }
+    }
+}
+
+/// Leaves of up to eight triangles.
+struct WideLeaves {
     /// One for each node.
     bits: Vec<AtomicU64>,
     /// Inner nodes at the limit of depth, below which nothing was looked at.
     too_deep: Mutex<Vec<u32>>,
 }
 
-impl Leaves {
-    fn of(tree: &BinaryTree, limit: u32) -> Leaves {
+impl WideLeaves {
+    fn of(tree: &BinaryTree, limit: u32) -> WideLeaves {
         let bits = (0..tree.nodes.len().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-        let leaves = Leaves { bits, too_deep: Mutex::default() };
+        let leaves = WideLeaves { bits, too_deep: Mutex::default() };
         leaves.weigh(tree, 0, 0, limit);
         leaves
     }

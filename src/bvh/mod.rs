@@ -10,6 +10,7 @@ pub mod cache;
 mod check;
 mod choice;
 pub mod compact;
+mod forest;
 mod improve;
 pub mod instances;
 pub mod part_tree;
@@ -22,6 +23,16 @@ pub use parted::Parted;
 pub use refit::Refit;
 pub(crate) use refit::extent;
 pub use wide::{WideBvh, WideNode};
+
+/// What walks a tree: that decides how large leaves are, since it decides what testing their triangles costs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TreeFor {
+    /// Vectors of eight lanes, which test all triangles of a leaf in the time of one.
+    Packets,
+    /// Lanes with a ray each, which test one triangle after the other.
+    SingleRays,
+}
 
 /// Triangles in a leaf at most; what one vector of eight lanes tests at once.
 pub const LEAF_TRIANGLES: usize = 8;

@@ -10,6 +10,7 @@ use std::ops::Range;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::TreeFor;
 use super::binary::{self, Bounds, Primitive};
 use super::binary_tree::{BinaryTree, eight_below};
 use super::part_tree::PartTree;
@@ -44,6 +45,8 @@ pub struct Parted {
     pub top: usize,
     /// Levels that a part may have.
     depth: u32,
+    /// What walks its trees, those to come too.
+    pub tree_for: TreeFor,
 }
 
 /// Levels that a later tree of a part may have more than the deepest of the first ones.
@@ -53,13 +56,15 @@ impl Parted {
     /// Builds the trees of parts that are the mesh's last triangles, each a range of them, over the tree `still` of
     /// those before, with a door to each moving instance, by its number and its box. Returns the whole tree too.
     pub fn build(
+        tree_for: TreeFor,
         positions: &[Vec3],
         triangles: &[[u32; 3]],
         parts: &[Range<usize>],
         still: WideBvh,
         instances: &[(u32, (Vec3, Vec3))],
     ) -> (WideBvh, Parted) {
-        let whole = |range: &Range<usize>| WideBvh::build_whole(positions, &triangles[range.clone()]);
+        let whole =
+            |range: &Range<usize>| WideBvh::build_whole(tree_for, positions, &triangles[range.clone()]);
         let trees: Vec<WideBvh> = parts.par_iter().map(whole).collect();
         let has_still = !still.order.is_empty();
         let depth = trees.iter().chain([&still]).map(WideBvh::depth).max().unwrap_or(1) + SPARE_LEVELS;
@@ -76,6 +81,7 @@ impl Parted {
             loose: vec![None; parts.len()],
             top,
             depth,
+            tree_for,
         };
         for (tree, range) in trees.into_iter().zip(parts) {
             let mut part = PartTree::new(tree, whole.nodes.len(), whole.order.len(), range.start);
@@ -316,14 +322,19 @@ mod tests {
 
     #[test]
     fn parts_move_and_the_tree_holds_them() {
-        for (count, each) in [(1, 100), (2, 1), (2, 300), (9, 50), (40, 7), (300, 3)] {
+        let cases = [(1, 100), (2, 1), (2, 300), (9, 50), (40, 7), (300, 3)];
+        let kinds = [TreeFor::Packets, TreeFor::SingleRays];
+        let all = kinds.into_iter().flat_map(|kind| cases.map(|case| (kind, case)));
+        for (tree_for, (count, each)) in all {
             let places: Vec<Vec3> =
                 (0..count).map(|i| Vec3::new((i * i % 17) as f32, i as f32, 0.5 * i as f32)).collect();
             let (positions, triangles, parts) = clusters(&places, each);
-            let still = WideBvh::build(&positions, &triangles[..each]);
-            let (whole, mut parted) = Parted::build(&positions, &triangles, &parts, still, &[]);
+            let still = WideBvh::build_for(tree_for, &positions, &triangles[..each], &|_| ());
+            let (whole, mut parted) = Parted::build(tree_for, &positions, &triangles, &parts, still, &[]);
             whole.validate(&positions, &triangles).unwrap();
-            let fresh = WideBvh::build(&positions, &triangles).cost().sum();
+            let largest = whole.order.iter().map(|slot| slot.leaf_len).max();
+            assert!(tree_for == TreeFor::Packets || largest <= Some(2), "{largest:?}");
+            let fresh = WideBvh::build_for(tree_for, &positions, &triangles, &|_| ()).cost().sum();
             assert!(whole.cost().sum() < 1.6 * fresh + 2.0, "{count}: {:?} {fresh}", whole.cost());
             assert!(whole.depth() <= parted.depth());
             // Each part goes a way of its own, through what stays.
@@ -348,7 +359,7 @@ mod tests {
             assert_eq!(own, leaves[first..first + own.len()]);
             // Another tree over the same triangles takes the place of a part's.
             for (part, range) in parts.iter().enumerate().take(parted.parts.len().min(3)) {
-                let anew = WideBvh::build_whole(&moved, &triangles[range.clone()]);
+                let anew = WideBvh::build_whole(tree_for, &moved, &triangles[range.clone()]);
                 let (grown, least) = (parted.parts[part].cost(), anew.cost().sum());
                 if parted.replace(part, anew, range.start) {
                     assert!((parted.parts[part].cost() - least).abs() < 1e-3 * least && least < grown * 1.1);
@@ -375,9 +386,10 @@ mod tests {
     fn scenes_in_which_all_moves_or_nothing_is_are_trees() {
         let (positions, triangles, _) = clusters(&[Vec3::ZERO, Vec3::X], 20);
         let nothing = || WideBvh::build(&positions, &[]);
-        let (whole, _) = Parted::build(&positions, &triangles, &[0..20, 20..40], nothing(), &[]);
+        let (whole, _) =
+            Parted::build(TreeFor::Packets, &positions, &triangles, &[0..20, 20..40], nothing(), &[]);
         whole.validate(&positions, &triangles).unwrap();
-        let (empty, _) = Parted::build(&positions, &[], &[], nothing(), &[]);
+        let (empty, _) = Parted::build(TreeFor::Packets, &positions, &[], &[], nothing(), &[]);
         empty.validate(&positions, &[]).unwrap();
     }
 

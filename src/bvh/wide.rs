@@ -2,8 +2,9 @@
 
 use glam::Vec3;
 
-use super::LEAF_TRIANGLES;
 use super::binary::Bounds;
+use super::forest::NODE_COST;
+use super::{LEAF_TRIANGLES, TreeFor};
 
 /// Eight children: their bounds as arrays, and where they are. 224 bytes.
 ///
@@ -70,9 +71,9 @@ impl WideBvh {
     }
 
     /// What a ray costs that crosses the root's box anywhere in any direction, by the surface area
-    /// heuristic: the nodes and the leaves that it visits on average.
+    /// heuristic: the nodes and the leaves that it visits on average, and the triangles of these.
     pub fn cost(&self) -> Cost {
-        let (mut cost, mut root) = (Cost { nodes: 0.0, leaves: 0.0 }, Bounds::EMPTY);
+        let (mut cost, mut root) = (Cost { nodes: 0.0, leaves: 0.0, triangles: 0.0 }, Bounds::EMPTY);
         for (index, node) in self.nodes.iter().enumerate().filter(|(_, node)| node.instance().is_none()) {
             for slot in (0..8).filter(|&slot| node.children[slot] != EMPTY) {
                 let bounds = Bounds {
@@ -82,13 +83,18 @@ impl WideBvh {
                 if index == 0 {
                     root = root.union(bounds);
                 }
-                let visits = if node.children[slot] & LEAF != 0 { &mut cost.leaves } else { &mut cost.nodes };
-                *visits += bounds.half_area();
+                let (child, area) = (node.children[slot], bounds.half_area());
+                if child & LEAF != 0 {
+                    cost.leaves += area;
+                    cost.triangles += area * leaf_range(child).1 as f64;
+                } else {
+                    cost.nodes += area;
+                }
             }
         }
         let area = root.half_area();
         let share = |sum: f64| if area > 0.0 { sum / area } else { 0.0 };
-        Cost { nodes: 1.0 + share(cost.nodes), leaves: share(cost.leaves) }
+        Cost { nodes: 1.0 + share(cost.nodes), leaves: share(cost.leaves), triangles: share(cost.triangles) }
     }
 
     /// Levels of nodes; 1 for a root alone. What instances lead to does not count.
@@ -176,11 +182,21 @@ pub struct Cost {
     pub nodes: f64,
     /// Leaves.
     pub leaves: f64,
+    /// Triangles of these leaves.
+    pub triangles: f64,
 }
 
 impl Cost {
     /// Both together: a node and a leaf take about the same time.
     pub fn sum(&self) -> f64 {
         self.nodes + self.leaves
+    }
+
+    /// What the visits cost those that walk the tree: in leaves, or in triangles where these are tested one by one.
+    pub fn of(&self, tree_for: TreeFor) -> f64 {
+        match tree_for {
+            TreeFor::Packets => self.sum(),
+            TreeFor::SingleRays => self.nodes * NODE_COST + self.triangles,
+        }
     }
 }

@@ -11,11 +11,12 @@ use super::options::{Options, RayOptions, eye_fov};
 use super::output;
 use crate::bench::{Rate, Rates, Workload, export};
 use crate::bvh::wide::Cost;
-use crate::bvh::{Trees, WideBvh};
+use crate::bvh::{TreeFor, Trees, WideBvh};
 use crate::config::{Config, Layers, TraversalConfig};
 use crate::error::Result;
 use crate::foveation::Pattern;
 use crate::frame::Loaded;
+use crate::frame::load::tree_for;
 use crate::gpu::opencl::{Device, device};
 use crate::math::view::View;
 use crate::scene::{Environment, Features, Instancing, Scene};
@@ -111,7 +112,7 @@ pub fn run(args: &Args) -> Result<()> {
     let cached = loaded.bvh_was_cached;
     let build_ms = match (cached, args.cold) {
         (false, _) => Some(ready_ms),
-        (true, true) => Some(time_to_build(&loaded.scene)),
+        (true, true) => Some(time_to_build(tree_for(&config), &loaded.scene)),
         (true, false) => None,
     };
     let bench = Bench {
@@ -165,9 +166,9 @@ fn view(args: &Args, config: &Config, loaded: &Loaded) -> Result<View> {
     })
 }
 
-fn time_to_build(scene: &Scene) -> f64 {
+fn time_to_build(tree_for: TreeFor, scene: &Scene) -> f64 {
     let start = Instant::now();
-    drop(WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles));
+    drop(WideBvh::build_for(tree_for, &scene.mesh.positions, &scene.mesh.triangles, &|_| ()));
     start.elapsed().as_secs_f64() * 1e3
 }
 

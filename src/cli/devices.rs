@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::machine::{self, choose};
+use super::machine;
 use super::options::ConfigOptions;
 use super::output;
 use crate::bench::Choice;
@@ -14,7 +14,7 @@ use crate::config::{Config, Layers, Samples};
 use crate::error::{Error, Result};
 use crate::frame::{Loaded, Output, Plan, RaysBy, Renderer};
 use crate::gpu::interop::{self, Sharing};
-use crate::gpu::opencl::{Device, DeviceInfo, device};
+use crate::gpu::opencl::{Device, DeviceInfo, choose, device};
 use crate::gpu::vulkan::{self, Context, ContextOptions};
 use crate::isolated;
 use crate::math::view::View;

@@ -8,10 +8,10 @@ use glam::Vec3;
 
 use crate::bvh::cache::TreeCache;
 use crate::bvh::instances::over_instances;
-use crate::bvh::{Parted, Trees, WideBvh};
+use crate::bvh::{Parted, TreeFor, Trees, WideBvh};
 use crate::config::{Config, EnvironmentConfig};
 use crate::error::Result;
-use crate::gpu::opencl::Device;
+use crate::gpu::opencl::{self, Device};
 use crate::progress;
 use crate::scene::grab::Grab;
 use crate::scene::hands;
@@ -19,7 +19,8 @@ use crate::scene::instanced::InstancedShape;
 use crate::scene::sky::Sky;
 use crate::scene::sky::day::DayCycle;
 use crate::scene::{Environment, Instanced, LoadOptions, Progress, Scene, Sun};
-use crate::trace::SceneData;
+use crate::trace::{SceneData, Traversal};
+use crate::waiting::{self, Limits};
 
 /// A step of starting up.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -118,7 +119,8 @@ impl Loaded {
                 radiance: Vec3::ZERO,
             }));
         }
-        let ((bvh, shapes, parted, bvh_was_cached), bvh_step) = timed("bvh", || Ok(trees_of(&scene)))?;
+        let ((bvh, shapes, parted, bvh_was_cached), bvh_step) =
+            timed("bvh", || Ok(trees_of(&scene, tree_for(config))))?;
         warnings.extend(scene.warnings.iter().cloned());
         Ok(Loaded {
             scene,
@@ -184,46 +186,63 @@ fn read(path: &Path, config: &Config, kept: Kept) -> Result<Scene> {
     scene
 }
 
+/// What walks the trees: the variant that settings force; else single rays where all devices that are to trace are graphics
+/// cards, whose usual variant that is.
+pub fn tree_for(config: &Config) -> TreeFor {
+    match config.trace.traversal.forced() {
+        Some(Traversal::Packet) => return TreeFor::Packets,
+        Some(Traversal::SingleRay) => return TreeFor::SingleRays,
+        None => {}
+    }
+    // Where nobody answers, or none can be used, opening them says so.
+    let all = waiting::ask("OpenCL", "an OpenCL driver", Limits::MOMENTS, opencl::device::list);
+    let all = all.unwrap_or_default();
+    match opencl::choose(&all, &config.devices.opencl, &[0; 16]) {
+        Ok(chosen) if chosen.iter().all(|&index| all[index].kind == "gpu") => TreeFor::SingleRays,
+        _ => TreeFor::Packets,
+    }
+}
+
 /// The scene's tree, those of shapes that are kept once and of its moving parts, and whether that of the others was in the
 /// user's cache.
-fn trees_of(scene: &Scene) -> (WideBvh, Vec<WideBvh>, Option<Parted>, bool) {
+fn trees_of(scene: &Scene, tree_for: TreeFor) -> (WideBvh, Vec<WideBvh>, Option<Parted>, bool) {
     let (mesh, motion) = (&scene.mesh, scene.motion.as_ref());
     let first = motion.map_or(mesh.triangles.len(), |motion| motion.first_triangle(mesh));
-    let (still, was_cached) = tree_of(&mesh.positions, &mesh.triangles[..first]);
+    let (still, was_cached) = tree_of(tree_for, &mesh.positions, &mesh.triangles[..first]);
     let boxes = scene.instanced.iter().flat_map(|instanced| instanced.boxes()).collect::<Vec<_>>();
     let resting = boxes.len() - motion.map_or(0, |motion| motion.rigid.len());
     let still = if resting > 0 { over_instances(still, &boxes[..resting]) } else { still };
-    let shapes = scene.instanced.as_ref().map_or_else(Vec::new, |instanced| shape_trees(instanced));
+    let shapes = scene.instanced.as_ref().map_or_else(Vec::new, |instanced| shape_trees(tree_for, instanced));
     let Some(motion) = motion else { return (still, shapes, None, was_cached) };
     let parts: Vec<_> = motion.parts.iter().map(|part| part.triangles.clone()).collect();
     let moving: Vec<_> = (1..).zip(boxes).skip(resting).collect();
-    let (bvh, parted) = Parted::build(&mesh.positions, &mesh.triangles, &parts, still, &moving);
+    let (bvh, parted) = Parted::build(tree_for, &mesh.positions, &mesh.triangles, &parts, still, &moving);
     (bvh, shapes, Some(parted), was_cached)
 }
 
 /// The tree of each shape, over its triangles and vertices as if there were no others.
-fn shape_trees(instanced: &Instanced) -> Vec<WideBvh> {
+fn shape_trees(tree_for: TreeFor, instanced: &Instanced) -> Vec<WideBvh> {
     let tree = |shape: &InstancedShape| {
         let first = shape.vertices.start as u32;
         let own = instanced.mesh.triangles[shape.triangles.clone()].iter().map(|t| t.map(|v| v - first));
-        tree_of(&instanced.mesh.positions[shape.vertices.clone()], &own.collect::<Vec<_>>()).0
+        tree_of(tree_for, &instanced.mesh.positions[shape.vertices.clone()], &own.collect::<Vec<_>>()).0
     };
     instanced.shapes.iter().map(tree).collect()
 }
 
 /// The tree over triangles from the user's cache, and whether it was there; else built, under a progress bar where
 /// standard error is a terminal.
-fn tree_of(positions: &[Vec3], triangles: &[[u32; 3]]) -> (WideBvh, bool) {
+fn tree_of(tree_for: TreeFor, positions: &[Vec3], triangles: &[[u32; 3]]) -> (WideBvh, bool) {
     let build = || {
         let bar = progress::bar(STEPS, "building the tree", "{msg} [{bar:30}] {percent} %, {elapsed}");
-        let tree = WideBvh::build_and_tell(positions, triangles, &|done| {
+        let tree = WideBvh::build_for(tree_for, positions, triangles, &|done| {
             bar.set_position((done * STEPS as f64) as u64);
         });
         bar.finish_and_clear();
         tree
     };
     match TreeCache::of_user() {
-        Some(cache) => cache.find_or(positions, triangles, build),
+        Some(cache) => cache.find_or(tree_for, positions, triangles, build),
         None => (build(), false),
     }
 }
@@ -308,6 +327,26 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
+    use crate::config::TraversalConfig;
+    use crate::scene::generate::voxel_town;
+
+    #[test]
+    fn trees_are_those_of_the_variant_that_settings_force() {
+        let mut config = Config::default();
+        let largest = |config: &Config| {
+            let loaded = Loaded::from_glb("town", &voxel_town::generate(10_000, 1).unwrap(), config).unwrap();
+            loaded.bvh.order.iter().map(|slot| slot.leaf_len).max()
+        };
+        config.trace.traversal = TraversalConfig::Packet;
+        assert_eq!((tree_for(&config), largest(&config)), (TreeFor::Packets, Some(8)));
+        config.trace.traversal = TraversalConfig::SingleRay;
+        assert_eq!((tree_for(&config), largest(&config)), (TreeFor::SingleRays, Some(2)));
+        // Where nothing is forced and a processor traces, alone or with others.
+        config.trace.traversal = TraversalConfig::Auto;
+        if opencl::device::list().iter().any(|info| info.kind == "cpu" && info.unusable.is_none()) {
+            assert_eq!(tree_for(&config), TreeFor::Packets);
+        }
+    }
 
     #[test]
     fn maps_are_averaged_down_only_where_memory_demands_it() {

@@ -30,6 +30,7 @@ impl Looks<'_> {
     /// How a part is looked at that gets another tree where rays visit more than `most` times as much as when its own was
     /// built; none where it has not come to that.
     pub fn at(&self, parted: &Parted, part: usize, most: f64) -> Option<Look> {
+        let tree_for = parted.tree_for;
         match self.deformation.and_then(|deformation| deformation.tree(part)) {
             None => self.at_known(parted, part, most),
             Some(tree) => {
@@ -45,7 +46,7 @@ impl Looks<'_> {
                         solid(corners.map(|vertex| vertices.positions[vertex as usize]), width)
                     };
                     let growth = tree.growth_at(corners);
-                    let build = || WideBvh::build_whole(&vertices.positions, own);
+                    let build = || WideBvh::build_whole(tree_for, &vertices.positions, own);
                     Seen { growth: Some(growth), tree: (growth > most).then(build) }
                 }))
             }
@@ -60,7 +61,8 @@ impl Looks<'_> {
         let range = &self.motion.parts[part].vertices;
         let own = range.start - self.first_vertex..range.end - self.first_vertex;
         let (positions, triangles) = (self.positions[own].to_vec(), self.own.clone());
-        let build = move || WideBvh::build_whole(&positions, &triangles[part]);
+        let tree_for = parted.tree_for;
+        let build = move || WideBvh::build_whole(tree_for, &positions, &triangles[part]);
         Some(Box::new(move || Seen { growth: None, tree: Some(build()) }))
     }
 }

@@ -310,8 +310,8 @@ impl Probe {
     }
 }
 
-/// Nodes of a ray that [`CountingProbe::tests`] tells at most.
-pub const COUNTED_NODES: usize = 192;
+/// Steps of a ray that [`CountingProbe::steps`] tells at most.
+pub const COUNTED_STEPS: usize = 256;
 
 /// A probe whose single rays are counted on their way.
 #[derive(Debug)]
@@ -327,33 +327,33 @@ impl CountingProbe {
     /// # Errors
     /// As for [`Probe::new`].
     pub fn new<'a>(device: &Device, shape: &Scene, trees: impl Into<Trees<'a>>) -> Result<Self> {
-        let text = format!("#define COUNTED {COUNTED_NODES}u\n{}", source::probe_text());
+        let text = format!("#define COUNTED {COUNTED_STEPS}u\n{}", source::probe_text());
         let (probe, program) = Probe::build(device, shape, trees.into(), Traversal::SingleRay, &text)?;
         Ok(CountingProbe { probe, count: CountBundles::of(&program)? })
     }
 
-    /// For each ray of the bundles, how many triangles it was tested against after each node that it visited, of
-    /// the first [`COUNTED_NODES`], 255 at most; `nearest` asks for its nearest hit instead of any.
+    /// For each ray of the bundles what it does in each of its steps, of the first [`COUNTED_STEPS`]: it visits a node (1),
+    /// tests a triangle (2), or both, or neither where it waits; `nearest` asks for its nearest hit instead of any.
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device is lost, or has no room.
-    pub fn tests(&self, nearest: bool) -> Result<Vec<Vec<u8>>> {
+    pub fn steps(&self, nearest: bool) -> Result<Vec<Vec<u8>>> {
         let probe = &self.probe;
         let rays = probe.bundle_count * BUNDLE;
-        let (tests, nodes) =
-            (Buffer::new(&probe.device, rays * COUNTED_NODES)?, Buffer::new(&probe.device, rays)?);
+        let (steps, taken) =
+            (Buffer::new(&probe.device, rays * COUNTED_STEPS)?, Buffer::new(&probe.device, rays)?);
         let scene = SceneOf(Some(&probe.scene), probe.traversal);
         let grid = Grid { items: rays, group: probe.traversal.group() };
         let (origins, directions) = (&probe.origins, &probe.directions);
         let count = probe.bundle_count as u32;
         let event =
-            self.count.launch(grid, scene, origins, directions, count, nearest.into(), &tests, &nodes)?;
+            self.count.launch(grid, scene, origins, directions, count, nearest.into(), &steps, &taken)?;
         probe.device.finish()?;
         drop(event);
-        let (mut all, mut lengths) = (vec![0u8; rays * COUNTED_NODES], vec![0u32; rays]);
-        tests.read(&mut all)?;
-        nodes.read(&mut lengths)?;
-        let rays = all.chunks_exact(COUNTED_NODES).zip(lengths);
-        Ok(rays.map(|(tests, length)| tests[..(length as usize).min(COUNTED_NODES)].to_vec()).collect())
+        let (mut all, mut lengths) = (vec![0u8; rays * COUNTED_STEPS], vec![0u32; rays]);
+        steps.read(&mut all)?;
+        taken.read(&mut lengths)?;
+        let rays = all.chunks_exact(COUNTED_STEPS).zip(lengths);
+        Ok(rays.map(|(steps, length)| steps[..(length as usize).min(COUNTED_STEPS)].to_vec()).collect())
     }
 }

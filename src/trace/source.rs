@@ -213,7 +213,7 @@ fn options_with(
     // Seven siblings wait at every level, and eight are written where some count. Rounded up, so that scenes
     // share built kernels.
     let entries = (tree_depth * 7 + 9).next_multiple_of(64);
-    // A ray by itself has one entry for each level.
+    // A ray by itself has one entry for each level above its node, and the last one for leaves that wait.
     let levels = (tree_depth + 1).next_multiple_of(8);
     let [single, prefetch, calls] = [traversal == Traversal::SingleRay, prefetch, calls].map(u32::from);
     options

@@ -11,7 +11,8 @@
 //! ray a work-item of its own: for GPUs, where a sample's light rays lie in memory between kernels that choose, trace,
 //! shade and add them up (`kernels/gpu/shade.cl`). Both find the same hits, so devices of one fleet may differ, and so
 //! may the rays of pixels and the light rays of samples on one device, which then holds the tree in both
-//! forms; compact nodes are made for the first device that walks them. Rays of the second variant can be traced by
+//! forms; compact nodes are made for the first device that walks them. Where single rays alone walk a tree, its leaves
+//! are smaller (`src/bvh/forest.rs`). Rays of the second variant can be traced by
 //! Vulkan's ray queries in place of its kernels (`src/trace/hardware.rs`). `trace.traversal` forces one, `foveate
 //! bench` measures both; on no GPU has either been measured.
 

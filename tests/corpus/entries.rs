@@ -6,8 +6,8 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use foveate::bvh::WideBvh;
 use foveate::bvh::cache::TreeCache;
+use foveate::bvh::{TreeFor, WideBvh};
 use foveate::config::{Config, Layers, Quality};
 use foveate::frame::budget;
 use foveate::headset::rift_dk1::fusion::Fusion;
@@ -272,7 +272,7 @@ fn kept() -> &'static Kept {
         let folder = tempfile::tempdir().expect("a folder for trees");
         let cache = TreeCache::in_folder(folder.path().join("trees"));
         let build = || WideBvh::build(&positions, &triangles);
-        let (tree, _) = cache.find_or(&positions, &triangles, build);
+        let (tree, _) = cache.find_or(TreeFor::Packets, &positions, &triangles, build);
         let files = std::fs::read_dir(folder.path().join("trees")).expect("the cache's folder");
         let path = files
             .flatten()
@@ -304,7 +304,10 @@ fn tree(bytes: &[u8]) -> bool {
         file[HEAD - sum.len()..HEAD].copy_from_slice(&sum);
     }
     std::fs::write(&kept.path, &file).expect("the changed tree is written");
-    let (tree, found) = kept.cache.find_or(&kept.positions, &kept.triangles, || kept.tree.clone());
+    let (tree, found) = {
+        let whole = || kept.tree.clone();
+        kept.cache.find_or(TreeFor::Packets, &kept.positions, &kept.triangles, whole)
+    };
     assert!(!found || tree.is_sound(&kept.positions, &kept.triangles));
     found
 }

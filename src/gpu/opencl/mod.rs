@@ -4,6 +4,7 @@
 //! `unsafe` is confined to the files of this room.
 
 pub mod buffer;
+mod choice;
 pub mod device;
 mod external;
 pub mod kernel;
@@ -13,6 +14,7 @@ pub mod program;
 pub mod transfer;
 
 pub use buffer::Buffer;
+pub use choice::choose;
 pub use device::{Device, DeviceInfo};
 pub use kernel::{Arg, Event, Kernel};
 pub use missing::why_none;

@@ -217,7 +217,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::bvh::{Parted, Trees, WideBvh};
+    use crate::bvh::{Parted, TreeFor, Trees, WideBvh};
     use crate::error::Error;
     use crate::gpu::opencl::{Arg, DeviceInfo, Program, device};
     use crate::gpu::vulkan::testing;
@@ -241,7 +241,8 @@ mod tests {
         let parts: Vec<_> =
             motion.iter().flat_map(|motion| &motion.parts).map(|part| part.triangles.clone()).collect();
         let still = WideBvh::build(&mesh.positions, &mesh.triangles[..first]);
-        let (tree, parted) = Parted::build(&mesh.positions, &mesh.triangles, &parts, still, &[]);
+        let (tree, parted) =
+            Parted::build(TreeFor::Packets, &mesh.positions, &mesh.triangles, &parts, still, &[]);
         let dark = Environment::constant(glam::Vec3::ZERO);
         (SceneData::pack(scene, &tree, &dark).unwrap(), tree, parted)
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use foveate::bvh::{Parted, WideBvh};
+use foveate::bvh::{Parted, TreeFor, WideBvh};
 use foveate::scene::animation::Choice;
 use foveate::scene::instanced::Instance;
 use foveate::scene::{Instanced, Instancing, LoadOptions, Scene};
@@ -89,7 +89,8 @@ fn what_has_no_place_is_in_no_tree() {
 
     let nothing = WideBvh::build(&[], &[]);
     let unit = (glam::Vec3::ZERO, glam::Vec3::ONE);
-    let (whole, mut parted) = Parted::build(&[], &[], &[], nothing, &[(1, unit), (2, unit)]);
+    let (whole, mut parted) =
+        Parted::build(TreeFor::Packets, &[], &[], &[], nothing, &[(1, unit), (2, unit)]);
     let doors = |nodes: &[foveate::bvh::wide::WideNode]| {
         nodes.iter().filter_map(|node| node.instance()).collect::<Vec<_>>()
     };
