@@ -23,7 +23,6 @@ const SETTINGS: Settings = Settings {
     neighbours: 24,
     longest: 32.0,
     light_changes: false,
-    turn: foveate::trace::Turn::ALL,
 };
 const SIZE: [u32; 2] = [640, 400];
 const EYES_APART: f64 = 0.064;
@@ -95,6 +94,7 @@ fn seen(tracer: &Tracer, view: &View, count: usize) -> Vec<Sample> {
         let hit = tracer.closest(&ray, f64::INFINITY);
         let surface = hit.map(|hit| Surface::at(tracer, &ray, &hit, TextureMode::Level0));
         Sample {
+            waits: false,
             at,
             diffuse: DVec3::ONE,
             specular: DVec3::ZERO,

@@ -51,8 +51,6 @@ struct Parameters {
     longest: f32,
     // Whether things or lights move: light may then be other than it was.
     light_changes: u32,
-    // Groups of samples of which one is shaded, and which one in the high half.
-    turns: u32,
 }
 var<immediate> parameters: Parameters;
 
@@ -128,6 +126,8 @@ const CONFIDENCE_KEPT = 0.9;
 const LEAST_CONFIDENCE = 0.2;
 // Weights are divided by this at least.
 const LEAST_WEIGHT = 1e-6;
+// Where light comes from, where that is not known.
+const NOWHERE = vec3(0u);
 // Square of a distance in pixels below which samples count as at the same place.
 const SAME_PLACE = 0.01;
 
@@ -141,14 +141,6 @@ struct Point {
 fn is_usable(first: vec4<u32>, second: vec4<u32>) -> bool {
     return all_finite(bitcast<vec3<f32>>(first.xyz)) && all_finite(bitcast<vec3<f32>>(second.xyz))
         && is_finite(bitcast<f32>(first.w)) && bitcast<f32>(first.w) > 0.0;
-}
-
-// Whether it has no light since it waits for its turn, as in kernels/shared/sample.h: then its depth is the negative of what
-// its pixel sees.
-fn waits_for_turn(index: u32, first: vec4<u32>) -> bool {
-    let turns = parameters.turns & 0xffffu;
-    let depth = bitcast<f32>(first.w);
-    return turns > 1u && (index / TURN_SAMPLES) % turns != parameters.turns >> 16u && depth < 0.0 && is_finite(depth);
 }
 
 fn brightness(first: vec4<u32>, second: vec4<u32>) -> f32 {
@@ -239,15 +231,12 @@ struct Found {
     history: History,
     weight: f32,
     agreement: f32,
-    // The sample that counts most, and by how much.
-    best: u32,
-    most: f32,
 }
 
 // What the view's last frame has accumulated for a point, weighted means.
 fn look_back(point: Point, sun_centre: u32) -> Found {
     let source = sources[0].last;
-    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0u, 0.0);
+    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0);
     let at = seen_at(source, point.point);
     if at.x < -0.5 {
         return found;
@@ -284,10 +273,6 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         sum += near;
         found.weight += weight;
         found.agreement = max(found.agreement, agree);
-        if weight > found.most {
-            found.best = index;
-            found.most = weight;
-        }
     }
     if !(found.agreement > LEAST_AGREEMENT) {
         found.weight = 0.0;
@@ -306,6 +291,15 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
     found.history.blocker = select(0.0, found.history.blocker / known_sum, known_sum > 0.0);
     found.history.confidence = known_sum / sum;
     return found;
+}
+
+// What the same sample had in the view's last frame, whose pattern was the same: light that is looked up where a frame's
+// pixels look, which is elsewhere in each, would be smeared by each frame in which none is added.
+fn what_it_had(index: u32) -> Found {
+    let first = last_records[3u * index];
+    let second = last_records[3u * index + 1u];
+    let weight = select(0.0, 1.0, is_usable(first, second));
+    return Found(bitcast<vec3<f32>>(first.xyz), bitcast<vec3<f32>>(second.xyz), last_histories[index], weight, weight);
 }
 
 struct Shared {
@@ -429,8 +423,8 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     // What the pixel expects to mirror, and where light comes from, are this frame's.
     records[3u * id.x + 2u] = fresh[3u * id.x + 2u];
     histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    // A sample that waits for its turn has the light that it had, and no estimate of its own.
-    let waits = waits_for_turn(id.x, first);
+    // A sample that waits for its turn has no estimate of its own, and the negative of its depth.
+    let waits = (fresh[3u * id.x + 2u].x & SAMPLE_WAITS) != 0u;
     if !is_usable(first, second) && !waits {
         return;
     }
@@ -447,7 +441,12 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let longest = before.longest;
     let sun_centre = second.w >> 24u & 1u;
 
-    let found = look_back(before.point, sun_centre);
+    var found: Found;
+    if waits {
+        found = what_it_had(id.x);
+    } else {
+        found = look_back(before.point, sun_centre);
+    }
     let across = sources[0].other.offset.xyz;
     let lent = look_across(Point(here.at, here.point + across, normal, width));
     let lent_specular = lent.weight * alike_reflection(here.point, across, roughness);
@@ -463,7 +462,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         history.diffuse_age *= kept;
         history.specular_age *= kept * before.alike_reflection;
     }
-    if waits && !(history.diffuse_age > 0.0) {
+    if waits && !(history.diffuse_age + lent.weight > 0.0) {
         return;
     }
     let diffuse_age = min(history.diffuse_age + own + lent.weight, longest);
@@ -487,7 +486,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
     var toward = with_less_noise(fresh[3u * id.x + 2u].xyz, min(diffuse_age, specular_age));
     if waits {
-        toward = last_records[3u * found.best + 2u].xyz;
+        toward = select(NOWHERE, last_records[3u * id.x + 2u].xyz, found.weight > 0.0);
     }
     records[3u * id.x + 2u] = vec4(toward, fresh[3u * id.x + 2u].w);
     histories[id.x] = History(diffuse_age, specular_age, history.fast, history.slow, history.variance, shadow, select(kept_confidence, 1.0, own_shadow > 0.0), 0.0);

@@ -241,7 +241,7 @@ static uint rays_to_sun(const Shading *shading)
 #define SAME_SURFACE 0.95f
 
 // Whether a sample waits for another frame to be shaded: it is not its turn, and what it sees is on the surface that it saw in
-// the frame before, of which `had` is left, so that light is known there: within a pixel's width of it along its normal.
+// the frame before, of which `had` is left: within a pixel's width of it along its normal.
 static bool waits_for_turn(const Camera *camera, const Shading *shading, uint index, uint at, __global const VisibilityRecord *seen,
                            __global const SampleRecord *had)
 {
@@ -261,7 +261,7 @@ static void pass_sample(const Shading *asked, __global const VisibilityRecord *s
     reflected = seen->reflected;
 #endif
     SampleRecord whole = {{0.0f, 0.0f, 0.0f}, -seen->depth, {0.0f, 0.0f, 0.0f}, (seen->normal & 0xffffffu) | centre << 24,
-                          {0u, 0u, 0u}, reflected};
+                          {SAMPLE_WAITS, 0u, 0u}, reflected};
     *record = whole;
 }
 

@@ -230,6 +230,11 @@ impl Controller {
         self.watch(load);
     }
 
+    /// Whether a frame took longer than it may.
+    pub fn is_missed_by(&self, frame_ms: f64) -> bool {
+        frame_ms > self.target.ms
+    }
+
     /// Notices where not even the first step is fast enough.
     fn watch(&mut self, load: f64) {
         let least = load * self.levels.steps()[0].frame_ms + self.patterns;

@@ -4,6 +4,7 @@
 //! [`Meter`] looks at some of the samples, and `Exposure` (`src/frame/exposure.rs`) makes of that how bright
 //! the next frame is shown: docs/light.md.
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use glam::Vec3;
@@ -12,7 +13,8 @@ use super::exposure::{Exposure, stops_for};
 use super::pipeline::Output;
 use crate::config::{ExposureConfig, ViewConfig};
 use crate::layout::{
-    SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24, unpack_surface,
+    SAMPLE_WAITS, SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24,
+    unpack_surface,
 };
 use crate::scene::Sun;
 use crate::scene::environment::luminance;
@@ -25,8 +27,8 @@ const METERED: usize = 1024;
 #[derive(Debug)]
 pub struct Meter {
     exposure: Option<Exposure>,
-    /// What the last frame was metered as whose samples were all shaded.
-    metered: Option<f64>,
+    /// Luminances of some samples in the last frame, and in those before it while samples took turns.
+    seen: VecDeque<Vec<f32>>,
     last: Option<Instant>,
     /// Seconds between the last two frames.
     passed: f64,
@@ -41,8 +43,8 @@ pub(super) struct Metered<'a> {
     pub samples: &'a [u32],
     /// Pixels across.
     pub width: u32,
-    /// Whether some of the samples wait for their turn, since nothing changes.
-    pub rests: bool,
+    /// Of so many groups of samples one is shaded; 1: all are.
+    pub turns: usize,
 }
 
 impl Meter {
@@ -50,7 +52,7 @@ impl Meter {
     pub(super) fn new(view: &ViewConfig, output: Output) -> Self {
         let wanted = view.exposure == ExposureConfig::Auto && output == Output::Display;
         let exposure = wanted.then(|| Exposure::within(view.exposure_range));
-        Meter { exposure, metered: None, last: None, passed: 0.0, pace: None }
+        Meter { exposure, seen: VecDeque::new(), last: None, passed: 0.0, pace: None }
     }
 
     /// The stops for the next picture; `None` where exposure is fixed, or nothing was metered yet.
@@ -77,14 +79,15 @@ impl Meter {
         self.passed = self.pace.unwrap_or(passed);
     }
 
-    /// Meters what views see, for the pictures to come; where samples take turns that is what it was.
+    /// Meters what views see, for the pictures to come: where samples take turns, by as many frames as each of them needs to
+    /// have its own.
     pub(super) fn observe<'a>(&mut self, views: impl Iterator<Item = Metered<'a>>, sun: Option<Sun>) {
         let Some(exposure) = &mut self.exposure else { return };
         let views: Vec<Metered> = views.collect();
-        if !views.iter().any(|view| view.rests) {
-            self.metered = stops_for(views.iter().flat_map(|view| view.luminances(sun)).collect());
-        }
-        exposure.observe(self.metered, self.passed);
+        let turns = views.iter().map(|view| view.turns).max().unwrap_or(1);
+        self.seen.truncate(turns - 1);
+        self.seen.push_front(views.iter().flat_map(|view| view.luminances(sun)).collect());
+        exposure.observe(stops_for(self.seen.iter().flatten().copied().collect()), self.passed);
     }
 }
 
@@ -98,7 +101,10 @@ impl Metered<'_> {
             Some(visibility) => {
                 let pixel = |at: &u32| (at >> 16) as usize * self.width as usize + (at & 0xffff) as usize;
                 let seen = visibility.at(self.samples.iter().step_by(step).map(pixel));
-                records.iter().zip(&seen).map(|(sample, seen)| guided(sample, seen, sun)).collect()
+                let shaded =
+                    |(sample, _): &(&SampleRecord, &VisibilityRecord)| sample.toward[0] & SAMPLE_WAITS == 0;
+                let shaded = records.iter().zip(&seen).filter(shaded);
+                shaded.map(|(sample, seen)| guided(sample, seen, sun)).collect()
             }
         };
         radiances.into_iter().map(|radiance| luminance(radiance) as f32).collect()

@@ -7,7 +7,7 @@ use super::balance::{Balancer, Observation, Slice};
 use crate::error::{Error, Result};
 use crate::foveation::Part;
 use crate::gpu::opencl::Device;
-use crate::trace::{Fleet, Job, PartResult, State};
+use crate::trace::{Fleet, Job, PartResult, State, Turn};
 use crate::{progress, waiting};
 
 /// How long a frame waits for a device to come back when none is left, unless told otherwise.
@@ -136,7 +136,8 @@ impl Scheduler {
         // Only now: the device that writes in place also describes tiles around its part.
         done.iter().for_each(|(_, done)| job.sample_target.take(&job, done));
         done.iter().for_each(|(device, done)| report.add(*device, done));
-        if self.fleet.count() > 1 {
+        // Samples that take turns cost less than they will.
+        if self.fleet.count() > 1 && job.settings.turn == Turn::ALL {
             let observed: Vec<Observation> =
                 done.into_iter().map(|(device, done)| observation(device, done)).collect();
             self.balancer.observe(job.index, workload, &job.sample_target.seen(workload), &observed);

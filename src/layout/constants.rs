@@ -1,7 +1,7 @@
 //! Numbers that mean the same to the host and to kernels.
 
 /// Constants that kernels share, by their names there.
-pub(super) fn named() -> [(&'static str, u32); 39] {
+pub(super) fn named() -> [(&'static str, u32); 40] {
     [
         ("LEAF", LEAF),
         ("EMPTY", EMPTY),
@@ -38,6 +38,7 @@ pub(super) fn named() -> [(&'static str, u32); 39] {
         ("ANISOTROPY_TEXTURE", 12),
         ("TRANSMISSION_TEXTURE", 13),
         ("IS_MAPPED", IS_MAPPED),
+        ("SAMPLE_WAITS", SAMPLE_WAITS),
         ("LAW_LEVEL", LAW_LEVEL),
         ("LAW_POWER", LAW_POWER),
         ("LAW_LINEAR_MAR", LAW_LINEAR_MAR),
@@ -110,5 +111,7 @@ pub const MATERIAL_GLOSSINESS: u32 = 4;
 pub const MATERIAL_SOLID: u32 = 8;
 /// In [`super::SampleRecord::toward`]: the surface has a normal map.
 pub const IS_MAPPED: u32 = 1 << 30;
+/// There: the sample waits for its turn to be shaded, and has no light.
+pub const SAMPLE_WAITS: u32 = 1 << 31;
 /// Materials at most: what [`super::Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 16;

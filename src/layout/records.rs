@@ -12,8 +12,8 @@ shared_structs! {
 /// what it reflects of the sun, is `diffuse * first + f0 * second + emission`, where `diffuse = base (1 - metalness)` and
 /// `f0 = max(mix(0.04, base, metalness), 0.001)`; base, metalness and emission come from [`VisibilityRecord`].
 /// A sample that hit nothing, or whose estimate was not finite, has `depth` <= 0 and must get no weight
-/// in guided reconstruction. One that waits for its turn ([`super::Shading::turns`]) has no light, where it comes from is not
-/// known, and `depth` is the negative of what its pixel sees.
+/// in guided reconstruction. One that waits for its turn ([`super::Shading::turns`]) has no light, [`super::SAMPLE_WAITS`]
+/// in place of where it comes from, and the negative of the depth that its pixel sees.
 pub struct SampleRecord {
     /// Linear RGB: radiance (k-NN) or diffuse radiance divided by diffuse albedo (guided).
     pub first: [f32; 3],

@@ -9,7 +9,6 @@ use crate::gpu::vulkan::{BufferRef, Encoding, Rect, Target};
 use crate::math::pose::Pose;
 use crate::math::view::View;
 use crate::scene::Sun;
-use crate::trace::Turn;
 
 /// Metres at which a target's depth is 1; it falls as 1/z, and is 0 infinitely far away and, without guided
 /// reconstruction, everywhere. Reversed like this, floating-point depths are equally exact at all distances.
@@ -37,8 +36,6 @@ pub struct Frame<'a> {
     pub light_holds: f32,
     /// Whether things or lights move, so that light may be other than it was in the last frame.
     pub light_changes: bool,
-    /// Which samples have light of this frame: others wait for their turn and have the light that they had.
-    pub turn: Turn,
     /// Where what moves as a whole is: `world_from_part` in metres, by the number that [`crate::layout::SURFACE_MOVER`] has
     /// of it, less one; `None` where that is not known. The same numbers are of the same things in all frames.
     pub movers: Arc<[Option<DMat4>]>,

@@ -14,7 +14,7 @@
 //! light rays, by default half: at rest history makes up for more than that within a few frames. In motion it
 //! does not (docs/measurements.md), so all are sent. Where view, things and light have rested for longer, samples take turns:
 //! `time.samples` of them are shaded, in groups that follow each other in the list, and those of the others that see the surface
-//! that they saw keep their means and ages ([`super::Frame::turn`]). A surface that comes into view has no history there; it
+//! that they saw keep their means and ages ([`crate::layout::SAMPLE_WAITS`]). A surface that comes into view has no history there; it
 //! is filtered as a first frame is. `Renderer::forget` drops everything: after a cut, and between pictures
 //! that stand for themselves. The twin in `f64` is `src/reference/accumulate.rs`.
 
@@ -32,7 +32,6 @@ use crate::error::Result;
 use crate::gpu::vulkan::{BufferRef, Commands, ComputePipeline, Context, DeviceBuffer, HostBuffer};
 use crate::layout::{MAX_MOVERS, SampleRecord};
 use crate::math::view::View;
-use crate::trace::Turn;
 use crate::trace::pattern_maker::Neighbours;
 
 /// Bytes of a sample's ages and means, as `kernels/accumulate.wgsl` has them.
@@ -122,7 +121,6 @@ pub(super) struct AccumulateParameters {
     width: u32,
     longest: f32,
     light_changes: u32,
-    turns: u32,
 }
 
 /// What a frame brings along.
@@ -141,8 +139,6 @@ pub(super) struct Fresh<'a> {
     pub longest: f32,
     /// See [`super::Frame::light_changes`].
     pub light_changes: bool,
-    /// See [`super::Frame::turn`].
-    pub turn: Turn,
 }
 
 impl Source {
@@ -209,7 +205,6 @@ impl Accumulate {
             width: tables.width,
             longest: fresh.longest.min(self.reuse.frames as f32),
             light_changes: fresh.light_changes.into(),
-            turns: fresh.turn.of | fresh.turn.number << 16,
         };
         history.rested = match history.is_within(fresh.view, RESTING) && !fresh.light_changes {
             true => history.rested.saturating_add(1),

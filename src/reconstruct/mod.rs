@@ -239,7 +239,6 @@ impl Reconstruction {
                     plane_tolerance,
                     longest,
                     light_changes,
-                    turn: frame.turn,
                 };
                 let history = &mut state.history;
                 let records =
@@ -365,7 +364,7 @@ impl Reconstruction {
     }
 
     /// Whether so many frames of the `index`-th view have rested, and the next one does: all with one pattern, seen from the
-    /// same place, in light that stays. Then its samples may take turns ([`Frame::turn`]).
+    /// same place, in light that stays. Then its samples may take turns ([`crate::trace::Turn`]).
     pub fn rests(&self, index: usize, view: &View, frames: u32) -> bool {
         self.views.get(index).is_some_and(|state| state.history.rests(view, frames))
     }

@@ -9,7 +9,6 @@ use crate::gpu::vulkan::{Encoding, Format, Image, Rect, testing};
 use crate::layout::{pack_emission, pack_normal24, pack_surface};
 use crate::math::pose::Pose;
 use crate::math::view::FieldOfView;
-use crate::trace::Turn;
 
 const TOWARD: [f32; 3] = [0.0, 0.0, 1.0];
 
@@ -92,7 +91,6 @@ impl Bench {
             least_expected: 0.01,
             light_holds: f32::INFINITY,
             light_changes: false,
-            turn: Turn::ALL,
             movers: Default::default(),
             overlay: Default::default(),
             shown_from: None,
@@ -359,7 +357,6 @@ fn guided_reconstruction_asks_for_visibility() {
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: false,
-        turn: Turn::ALL,
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: None,

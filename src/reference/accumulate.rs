@@ -4,7 +4,7 @@ use glam::{DMat4, DVec2, DVec3};
 
 use super::reconstruct::nearest;
 use crate::math::view::View;
-use look_up::{agreement, before, look_across, look_back};
+use look_up::{agreement, before, look_across, look_back, what_it_had};
 
 mod look_up;
 
@@ -168,10 +168,13 @@ fn one(
     let longest = past.as_ref().map_or(unknown, |past| past.longest);
     let mut history = History { fast: value, slow: value, ..History::default() };
     let mut found = (sample.diffuse, sample.specular, 0.0);
-    if let Some((past, (diffuse, specular, shadow, old))) = last
-        .zip(past)
-        .and_then(|(kept, past)| look_back(kept, view, &sample, &past, settings).map(|old| (past, old)))
-    {
+    if let Some((past, (diffuse, specular, shadow, old))) = last.zip(past).and_then(|(kept, past)| {
+        let old = match sample.waits {
+            true => what_it_had(kept, index),
+            false => look_back(kept, view, &sample, &past, settings),
+        };
+        old.map(|old| (past, old))
+    }) {
         history = match sample.waits {
             true => old,
             false => followed(&old, value, error.filter(|_| settings.light_changes), longest),
@@ -184,7 +187,7 @@ fn one(
         history.ages[1] *= kept * past.alike_reflection;
         found = (diffuse, specular, shadow);
     }
-    if sample.waits && !(history.ages[0] > 0.0) {
+    if sample.waits && !(history.ages[0] + lent_weight > 0.0) {
         return (sample, History::default());
     }
     let (estimates, glossy_estimates) = (own + lent_weight, own + lent_gloss_weight);

@@ -132,7 +132,6 @@ pub fn last_shown(
         least_expected: LEAST,
         light_holds: f32::INFINITY,
         light_changes: false,
-        turn: foveate::trace::Turn::ALL,
         movers: Default::default(),
         exposure: 0.0,
         other: None,

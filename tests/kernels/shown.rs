@@ -39,7 +39,6 @@ fn picture(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: false,
-        turn: foveate::trace::Turn::ALL,
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: from,

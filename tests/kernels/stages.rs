@@ -105,7 +105,7 @@ impl<'a> Stages<'a> {
     ) -> (Vec<T>, f64) {
         let found = Buffer::<T>::new(self.device, out).unwrap();
         found.write(&vec![T::zeroed(); out]).unwrap();
-        let mut all = if scene { self.buffers.args(Traversal::Packet) } else { Vec::new() };
+        let mut all = if scene { self.buffers.args(Traversal::Packet).to_vec() } else { Vec::new() };
         all.extend(args);
         all.push(Arg::buffer(&found));
         let event = self.program.kernel(kernel).unwrap().launch(&all, count, 8).unwrap();

@@ -36,7 +36,7 @@ impl TracedView {
             sample_target: &self.sample_target,
             samples: &self.pattern.samples,
             width: self.view.width,
-            rests: self.turn != Turn::ALL,
+            turns: self.turn.of as usize,
         }
     }
 }

@@ -11,7 +11,6 @@ use crate::reconstruct::{Mode, Reconstruction};
 use crate::reference::guided::{Choices, Guided};
 use crate::reference::motion;
 use crate::reference::reconstruct::WeightKind;
-use crate::trace::Turn;
 
 const SIZE: (u32, u32) = (60, 40);
 /// Of the parts of the picture that two outputs show, first pixel and size.
@@ -155,7 +154,6 @@ fn submit(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: false,
-        turn: Turn::ALL,
         movers: movers(frame),
         overlay: Default::default(),
         shown_from: shown_from(frame, manner),

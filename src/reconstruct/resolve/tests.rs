@@ -10,7 +10,6 @@ use crate::math::spacing::{Axis, Spacing};
 use crate::math::view::FieldOfView;
 use crate::reconstruct::{Mode, Output, Reconstruction, Reuse, Settings};
 use crate::reference::resolve::{Mean, Picture};
-use crate::trace::Turn;
 
 const SIZE: (u32, u32) = (60, 40);
 const LONGEST: u32 = 12;
@@ -126,7 +125,6 @@ fn submit_with(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: walks,
-        turn: Turn::ALL,
         movers: movers(frame),
         overlay: Default::default(),
         shown_from: None,

@@ -153,6 +153,12 @@ pub(super) fn look_back(
     Some((diffuse, specular, shadow, history))
 }
 
+/// What the same sample had in the last frame, whose pattern was the same.
+pub(super) fn what_it_had(kept: &Kept, index: usize) -> Option<Found> {
+    let had = kept.samples.get(index).filter(|had| usable(had))?;
+    Some((had.diffuse, had.specular, had.blocker, kept.histories[index]))
+}
+
 /// Diffuse and specular light of the other eye, and what they are worth.
 pub(super) fn look_across(
     kept: &Kept,

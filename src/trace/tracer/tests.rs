@@ -1,6 +1,6 @@
 use std::path::{Path, PathBuf};
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::*;
 use crate::bvh::WideBvh;
@@ -8,6 +8,7 @@ use crate::config::EnvironmentConfig;
 use crate::foveation::Law;
 use crate::frame::load::environment;
 use crate::gpu::opencl::device;
+use crate::layout::SampleRecord;
 use crate::math::view::FieldOfView;
 use crate::scene::generate::demo;
 use crate::scene::viewpoint::default_viewpoint;
@@ -122,6 +123,75 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     assert!((view.pixels() / 2..view.pixels() - 256 + 1).contains(&marked), "{marked}");
     let known = |hit: &&HitRecord| hit.triangle < UNTRACED && hit.triangle as usize >= bvh.order.len();
     assert_eq!(hits.iter().find(known), None);
+}
+
+/// Samples that wait for their turn have what their pixels see and no light, but where that is another surface than before;
+/// the others are what they are without turns.
+#[test]
+fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
+    let Some(info) = device::list().into_iter().next() else {
+        println!("not run: there is no OpenCL device");
+        return;
+    };
+    let device = Device::open(&info).unwrap();
+    let scene = Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap();
+    let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    let (light, _) = environment(&EnvironmentConfig::default(), 0.0).unwrap();
+    let features = Features::required_by(&scene, &light);
+    let world_from_eye = default_viewpoint(&scene, 70.0).world_from_eye;
+    let fov = FieldOfView::symmetric(1.2, 1.5);
+    let view = View { world_from_eye, fov, width: 96, height: 64, spacing: Default::default() };
+    let mut aside = view;
+    aside.world_from_eye.position += world_from_eye.rotation * DVec3::new(0.1, 0.0, 0.0);
+    let all = Pattern::new(&view, &Law::default(), DVec2::splat(0.5), view.pixels());
+    for traversal in [Traversal::Packet, Traversal::SingleRay] {
+        let mut tracer = Tracer::with_features(&device, &scene, &bvh, &light, &features, traversal).unwrap();
+        let pattern = tracer.pattern(&all).unwrap();
+        let samples = Buffer::new(&device, view.pixels()).unwrap();
+        let visibility = Buffer::new(&device, view.pixels()).unwrap();
+        let mut traced = |view: &View, turn: Turn| -> Vec<(SampleRecord, VisibilityRecord)> {
+            let settings = Settings {
+                rays: 4,
+                bounces: 0,
+                cached: false,
+                edge_rays: 0,
+                guided: true,
+                seed: 5,
+                jitter: false,
+                turn,
+            };
+            let work = tracer.enqueue(view, &settings, &pattern, &samples, Some(&visibility)).unwrap();
+            tracer.finish(work).unwrap();
+            let seen = visibility.to_vec().unwrap();
+            let pixel = |&at: &u32| seen[((at >> 16) * view.width + (at & 0xffff)) as usize];
+            samples.to_vec().unwrap().into_iter().zip(all.samples.iter().map(pixel)).collect()
+        };
+        let (whole, turn) = (traced(&view, Turn::ALL), Turn { number: 1, of: 3 });
+        let some = traced(&view, turn);
+        let waits = |index: usize| index as u32 / layout::TURN_SAMPLES % 3 != 1;
+        for (index, ((was, _), (is, seen))) in whole.iter().zip(&some).enumerate() {
+            if !waits(index) {
+                assert_eq!(bytemuck::bytes_of(is), bytemuck::bytes_of(was), "{traversal:?}, sample {index}");
+                continue;
+            }
+            let (first, second, depth) = ([0.0; 3], [0.0; 3], -seen.depth);
+            let marked = SampleRecord { first, second, depth, toward: [layout::SAMPLE_WAITS, 0, 0], ..*is };
+            assert_eq!(*is, marked, "{traversal:?}, sample {index}");
+            let alike = (is.normal & 0xff_ffff, is.reflected) == (seen.normal & 0xff_ffff, seen.reflected);
+            assert!(alike && is.normal >> 25 == 0, "{traversal:?}, sample {index}: {is:?} {seen:?}");
+        }
+        // From a step aside other surfaces are seen by some: these are shaded.
+        let (mut new, mut still_wait) = (0, 0);
+        for (index, ((_, before), (is, now))) in some.iter().zip(traced(&aside, turn)).enumerate() {
+            let waits_now = is.toward[0] & layout::SAMPLE_WAITS != 0;
+            assert!(waits(index) || !waits_now, "{traversal:?}, sample {index}");
+            let other = before.depth > 1.5 * now.depth || now.depth > 1.5 * before.depth;
+            new += usize::from(waits(index) && other);
+            still_wait += usize::from(waits_now && now.depth > 0.0);
+            assert!(!(other && waits_now), "{traversal:?}, sample {index}: {before:?} {now:?}");
+        }
+        assert!(new > 50 && still_wait > 500, "{traversal:?}: {new} see another surface, {still_wait} wait");
+    }
 }
 
 /// Each view has the rays of its own and of the steps of the cache before it, whoever else is in the queue.
