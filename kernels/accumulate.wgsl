@@ -298,8 +298,10 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
 fn what_it_had(index: u32) -> Found {
     let first = last_records[3u * index];
     let second = last_records[3u * index + 1u];
-    let weight = select(0.0, 1.0, is_usable(first, second));
-    return Found(bitcast<vec3<f32>>(first.xyz), bitcast<vec3<f32>>(second.xyz), last_histories[index], weight, weight);
+    if !is_usable(first, second) {
+        return Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0);
+    }
+    return Found(bitcast<vec3<f32>>(first.xyz), bitcast<vec3<f32>>(second.xyz), last_histories[index], 1.0, 1.0);
 }
 
 struct Shared {
