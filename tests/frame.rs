@@ -525,12 +525,12 @@ fn samples_take_turns_at_rest_alone() {
     let mut config = config(Method::Guided, Samples::Count(3000), 32);
     config.view.exposure = ExposureConfig::Auto;
     let (frames, turned, looked) = (56, 40, 44);
-    let mut shown = |samples: f64| {
+    let mut shown = |loaded: &Loaded, samples: f64, frames: u32| {
         config.time = TimeConfig { pictures: 1, frames: 8, samples, ..TimeConfig::default() };
         let (device, context) = &machine;
-        let mut renderer = Renderer::new(device, context, &loaded, &config, Output::Display).unwrap().0;
+        let mut renderer = Renderer::new(device, context, loaded, &config, Output::Display).unwrap().0;
         renderer.meter().set_pace(0.02);
-        let mut eye = view(&loaded);
+        let mut eye = view(loaded);
         let reports = (0..frames).map(|frame| {
             let by = if frame == turned { 0.02 } else { 0.0 };
             eye.world_from_eye.rotation *= DQuat::from_rotation_y(by);
@@ -541,7 +541,7 @@ fn samples_take_turns_at_rest_alone() {
         });
         reports.collect::<Vec<_>>()
     };
-    let (all, some) = (shown(1.0), shown(0.25));
+    let (all, some) = (shown(&loaded, 1.0, frames), shown(&loaded, 0.25, frames));
     let saves = |frame: &u32| some[*frame as usize].0.rays < all[*frame as usize].0.rays;
     let saving: Vec<u32> = (0..frames).filter(saves).collect();
     // The cache has had its early steps after 32 frames, and four frames have to rest before others may.
@@ -557,4 +557,11 @@ fn samples_take_turns_at_rest_alone() {
         let psnr = 10.0 * (65025.0 * full.len() as f64 / squares.max(1.0)).log10();
         assert!(psnr > 36.0, "frame {frame}: {psnr:.1} dB");
     }
+    // Under a sun that moves none waits.
+    let mut moving = Config::default();
+    moving.environment.day_length = 600.0;
+    let loaded = Loaded::from_glb("town", &voxel_town::generate(20_000, 1).unwrap(), &moving).unwrap();
+    let mut rays =
+        |samples: f64| shown(&loaded, samples, 36).iter().map(|(report, _)| report.rays).collect::<Vec<_>>();
+    assert_eq!(rays(1.0), rays(0.25));
 }
