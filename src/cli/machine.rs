@@ -104,7 +104,7 @@ fn note_tight_memory() {
 /// Opens the OpenCL devices that are to trace, divided as the settings say; at least one.
 ///
 /// # Errors
-/// [`crate::Error::NoDevice`] where there is none, [`Error::Device`] where one that was asked for refuses.
+/// [`crate::Error::NoDevice`] where there is none, [`crate::Error::Device`] where one that was asked for refuses.
 pub fn open(all: &[DeviceInfo], config: &DevicesConfig, presenting: &[u8; 16]) -> Result<Vec<Device>> {
     let mut infos = Vec::new();
     for index in choose(all, &config.opencl, presenting)? {

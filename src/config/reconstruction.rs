@@ -58,7 +58,8 @@ pub struct TimeConfig {
     pub pictures: u32,
     /// Of [`super::TraceConfig::rays`], the part that a frame sends where one before it has left light and the view has hardly moved.
     pub rays: f64,
-    /// The part of the samples that a frame shades, in turn, where view and light have rested for a while.
+    /// The part of the samples that a frame shades, in turn, where view and light have rested for a while: one in a whole number
+    /// of them, at most half of `frames`.
     pub samples: f64,
 }
 

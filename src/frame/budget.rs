@@ -230,9 +230,15 @@ impl Controller {
         self.watch(load);
     }
 
-    /// Whether a frame took longer than it may.
-    pub fn is_missed_by(&self, frame_ms: f64) -> bool {
-        frame_ms > self.target.ms
+    /// Takes in what a frame cost whose samples took turns: nothing grows by what that saves, which would end the rest, but a
+    /// time that is missed all the same counts.
+    pub fn observe_at_rest(&mut self, frame_ms: f64, pattern_ms: f64) {
+        if frame_ms > self.target.ms {
+            return self.observe(frame_ms, pattern_ms);
+        }
+        // Slow frames with such a one between them do not follow each other.
+        self.last = Some(0.0);
+        self.beyond = 0;
     }
 
     /// Notices where not even the first step is fast enough.

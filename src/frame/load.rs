@@ -187,7 +187,7 @@ fn read(path: &Path, config: &Config, kept: Kept) -> Result<Scene> {
 }
 
 /// What walks the trees: the variant that settings force; else single rays where all devices that are to trace are graphics
-/// cards, whose usual variant that is.
+/// cards, whose usual variant that is. That is asked before devices are opened: one that then refuses changes speed alone.
 pub fn tree_for(config: &Config) -> TreeFor {
     match config.trace.traversal.forced() {
         Some(Traversal::Packet) => return TreeFor::Packets,

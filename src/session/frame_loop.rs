@@ -298,13 +298,14 @@ impl<'a> FrameLoop<'a> {
     }
 
     /// Takes in what a frame has cost. Drivers finish building kernels at their first launch: that frame says
-    /// nothing of the view. Neither does one in time whose samples take turns: quality that grew by what that saves would end the
-    /// rest.
+    /// nothing of the view.
     fn learn(&mut self, report: &FrameReport, observer: &mut dyn Observer) {
         let warm = std::mem::replace(&mut self.warm, true);
-        let tells = |controller: &&mut Controller| !report.rests || controller.is_missed_by(report.frame_ms);
-        if let Some(controller) = self.controller.as_mut().filter(|_| warm).filter(tells) {
-            controller.observe(report.frame_ms, report.pattern_ms);
+        if let Some(controller) = self.controller.as_mut().filter(|_| warm) {
+            match report.rests {
+                true => controller.observe_at_rest(report.frame_ms, report.pattern_ms),
+                false => controller.observe(report.frame_ms, report.pattern_ms),
+            }
             controller.take_notes().iter().for_each(|note| observer.note(note));
         }
     }

@@ -72,6 +72,26 @@ fn one_slow_frame_alone_changes_nothing() {
     assert_eq!(controller.held().samples, before.samples);
 }
 
+/// Frames at rest that are in time are no lighter view, and slow ones with such between them do not follow each other; two
+/// that do are answered.
+#[test]
+fn frames_at_rest_lower_quality_alone() {
+    let mut controller = start(11.0);
+    run(&mut controller, 1.0, 50);
+    let before = controller.held();
+    for _ in 0..100 {
+        controller.observe_at_rest(2.0, 0.0);
+    }
+    for _ in 0..5 {
+        controller.observe_at_rest(90.0, 0.0);
+        controller.observe_at_rest(2.0, 0.0);
+    }
+    assert_eq!(controller.held(), before);
+    controller.observe_at_rest(90.0, 0.0);
+    controller.observe_at_rest(90.0, 0.0);
+    assert!(controller.held().position < before.position, "{:?}", controller.held());
+}
+
 #[test]
 fn steps_are_small_on_the_way_back() {
     let mut controller = start(11.0);
