@@ -155,7 +155,8 @@ fn one(
     settings: &Settings,
 ) -> (Sample, History) {
     let sample = fresh[index];
-    if !usable(&sample) && !(sample.waits && sample.depth > 0.0) {
+    let sees_a_surface = sample.waits && sample.depth > 0.0;
+    if !usable(&sample) && !sees_a_surface {
         return (sample, History::default());
     }
     let own = if sample.waits { 0.0 } else { 1.0 };
@@ -187,7 +188,7 @@ fn one(
         history.ages[1] *= kept * past.alike_reflection;
         found = (diffuse, specular, shadow);
     }
-    if sample.waits && !(history.ages[0] + lent_weight > 0.0) {
+    if sample.waits && history.ages[0] + lent_weight <= 0.0 {
         return (sample, History::default());
     }
     let (estimates, glossy_estimates) = (own + lent_weight, own + lent_gloss_weight);

@@ -38,7 +38,7 @@ fn what_waits_keeps_what_it_had() {
     let samples = scattered(300);
     let mut kept = 0;
     for (index, ((was, of_was), (is, of_is))) in before.iter().zip(&after).enumerate() {
-        if !waits(index, HALF) || !(of_was[0] > 0.0) || motion(samples[index], 0) != Motion::Still {
+        if !waits(index, HALF) || of_was[0] <= 0.0 || motion(samples[index], 0) != Motion::Still {
             continue;
         }
         kept += 1;
