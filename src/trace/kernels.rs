@@ -416,7 +416,7 @@ kernels! {
     /// Counts what rays of bundles visit.
     CountBundles = count_bundles(
         scene: SceneOf, origins: &Buffer<[f32; 3]>, directions: &Buffer<[f32; 3]>, count: u32, nearest: u32,
-        tests: &Buffer<u8>, visited: &Buffer<u32>,
+        steps: &Buffer<u8>, taken: &Buffer<u32>,
     );
     /// Whether rays in bundles hit anything.
     OccludedBundles = occluded_bundles(
