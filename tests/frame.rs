@@ -560,7 +560,7 @@ fn samples_take_turns_at_rest_alone() {
     // Under a sun that moves none waits.
     let mut moving = Config::default();
     moving.environment.day_length = 600.0;
-    let loaded = Loaded::from_glb("town", &voxel_town::generate(20_000, 1).unwrap(), &moving).unwrap();
+    let loaded = Loaded::moving_from_glb("town", &voxel_town::generate(20_000, 1).unwrap(), &moving).unwrap();
     let mut rays =
         |samples: f64| shown(&loaded, samples, 36).iter().map(|(report, _)| report.rays).collect::<Vec<_>>();
     assert_eq!(rays(1.0), rays(0.25));
