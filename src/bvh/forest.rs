@@ -74,20 +74,25 @@ impl Forests {
         let shared = |roots: usize| {
             let ways = (1..roots).filter(|&mine| mine < WIDTH && roots - mine < WIDTH);
             let cost = |mine: usize| left.1[mine - 1] + right.1[roots - mine - 1];
-            ways.map(|mine| (cost(mine), mine)).min_by(|a, b| a.0.total_cmp(&b.0)).expect("two roots or more")
+            // Of ways that cost the same the most even one: trees of boxes without a surface stay shallow.
+            let by_cost = |a: &(f64, usize), b: &(f64, usize)| {
+                a.0.total_cmp(&b.0).then((2 * a.1).abs_diff(roots).cmp(&(2 * b.1).abs_diff(roots)))
+            };
+            ways.map(|mine| (cost(mine), mine)).min_by(by_cost).expect("two roots or more")
         };
         let (below, mine) = shared(WIDTH);
         let (inner, leaf) = (below + area * NODE_COST, area * count as f64);
+        if count <= LONE_TRIANGLES && leaf <= inner {
+            // It is one root, however many there may be.
+            self.shares[at as usize].store(IS_LEAF, Ordering::Relaxed);
+            return (count, [leaf; WIDTH - 1]);
+        }
         let mut shares = (mine as u32) << (3 * (WIDTH - 2));
         let mut costs = [inner; WIDTH - 1];
-        if count <= LONE_TRIANGLES && leaf <= inner {
-            shares |= IS_LEAF;
-            costs = [leaf; WIDTH - 1];
-        }
         for roots in 2..WIDTH {
             costs[roots - 1] = costs[roots - 2];
             let (cost, mine) = shared(roots);
-            if cost < costs[roots - 1] {
+            if cost <= costs[roots - 1] {
                 costs[roots - 1] = cost;
                 shares |= (mine as u32) << (3 * (roots - 2));
             }
@@ -117,4 +122,58 @@ fn gather(at: u32, mut roots: usize, opened: &impl Fn(u32) -> Option<(u32, u32)>
     let mine = first_child(shares, roots);
     gather(first, mine, opened, found);
     gather(first + 1, roots - mine, opened, found);
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::bvh::binary::{self, Bounds, Primitive};
+
+    /// A binary tree over boxes of all sizes, and over points that are all the same.
+    fn trees() -> [BinaryTree; 2] {
+        let hash = |i: u32| {
+            ((i.wrapping_mul(0x9e37_79b9) ^ 0x5bd1_e995).wrapping_mul(0x85eb_ca6b) >> 9) as f32 / 8e6
+        };
+        let boxed = |i: u32| {
+            let lower = Vec3::new(hash(6 * i), hash(6 * i + 1), hash(6 * i + 2));
+            let size = Vec3::new(hash(6 * i + 3), hash(6 * i + 4), hash(6 * i + 5)).powf(4.0);
+            Primitive { bounds: Bounds { lower, upper: lower + size }, triangle: i }
+        };
+        let point = |i| Primitive { bounds: Bounds { lower: Vec3::ONE, upper: Vec3::ONE }, triangle: i };
+        let tree = |mut primitives: Vec<Primitive>| binary::build(&mut primitives, &|_| ());
+        [tree((0..3000).map(boxed).collect()), tree((0..600).map(point).collect())]
+    }
+
+    fn children_of(tree: &BinaryTree, forests: &Forests, at: u32) -> Vec<u32> {
+        let inner = |at: u32| tree.children(at).filter(|_| !forests.is_leaf(at));
+        children(at, &|at| inner(at).map(|first| (forests.shares(at), first)))
+    }
+
+    fn triangles(tree: &BinaryTree, at: u32) -> usize {
+        tree.children(at).map_or(1, |first| triangles(tree, first) + triangles(tree, first + 1))
+    }
+
+    /// What the tree costs that is made, and its depth.
+    fn made(tree: &BinaryTree, forests: &Forests, at: u32) -> (f64, usize) {
+        let area = tree.bounds(at).half_area();
+        if tree.children(at).is_none() || forests.is_leaf(at) {
+            return (area * triangles(tree, at) as f64, 0);
+        }
+        let below = children_of(tree, forests, at).into_iter().map(|child| made(tree, forests, child));
+        below.fold((area * NODE_COST, 1), |sum, child| (sum.0 + child.0, sum.1.max(child.1 + 1)))
+    }
+
+    #[test]
+    fn the_tree_that_is_made_is_the_one_that_was_weighed() {
+        for tree in trees() {
+            let forests = Forests::of(&tree, u32::MAX);
+            let (count, costs) = forests.weigh(&tree, 0, 0, u32::MAX);
+            let (cost, depth) = made(&tree, &forests, 0);
+            assert!((cost - costs[0]).abs() <= 1e-9 * costs[0], "{cost} {costs:?}");
+            assert_eq!(count, triangles(&tree, 0));
+            assert!(depth <= 8, "{depth} levels of nodes for {count} triangles");
+        }
+    }
 }

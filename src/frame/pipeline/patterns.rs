@@ -187,15 +187,14 @@ mod tests {
             |config: &Config| Renderer::new(&device, &context, &loaded, config, Output::Radiance).unwrap().0;
         let mut used = renderer(&config);
         used.patterns = Patterns::of(Some(device.clone()), None, |_, _| Ok(()));
-        let request = |view| PatternRequest {
-            view,
+        let request = PatternRequest {
+            view: plan.views[0].0,
             law: Law::default(),
             gaze: DVec2::splat(0.5),
             count: 500,
             hidden: None,
             lens: None,
         };
-        let request = request(plan.views[0].0);
         assert!(!used.chooses(0, &request), "the first pattern of all waits for nobody");
         for frame in 0..6000 {
             if used.patterns.is_ready() {
