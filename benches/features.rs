@@ -210,6 +210,7 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
             guided: true,
             seed: round as u32,
             jitter: false,
+            fewer_rays: None,
             turn: foveate::trace::Turn::ALL,
         };
         let bare = without.trace(&view, &settings);

@@ -94,7 +94,7 @@ fn seen(tracer: &Tracer, view: &View, count: usize) -> Vec<Sample> {
         let hit = tracer.closest(&ray, f64::INFINITY);
         let surface = hit.map(|hit| Surface::at(tracer, &ray, &hit, TextureMode::Level0));
         Sample {
-            waits: false,
+            estimates: 1.0,
             at,
             diffuse: DVec3::ONE,
             specular: DVec3::ZERO,

@@ -51,6 +51,8 @@ struct Parameters {
     longest: f32,
     // Whether things or lights move: light may then be other than it was.
     light_changes: u32,
+    // Estimates that a sample counts as that was sent all rays; one that was sent fewer counts as one.
+    estimates: f32,
 }
 var<immediate> parameters: Parameters;
 
@@ -423,14 +425,15 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     records[3u * id.x] = first;
     records[3u * id.x + 1u] = second;
     // What the pixel expects to mirror, and where light comes from, are this frame's.
-    records[3u * id.x + 2u] = fresh[3u * id.x + 2u];
+    records[3u * id.x + 2u] = fresh[3u * id.x + 2u] & vec4(~SAMPLE_REUSES, ~0u, ~0u, ~0u);
     histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     // A sample that waits for its turn has no estimate of its own, and the negative of its depth.
-    let waits = (fresh[3u * id.x + 2u].x & SAMPLE_WAITS) != 0u;
+    let reuses = (fresh[3u * id.x + 2u].x & SAMPLE_REUSES) != 0u;
+    let waits = reuses && bitcast<f32>(first.w) <= 0.0;
     if !is_usable(first, second) && !waits {
         return;
     }
-    let own = select(1.0, 0.0, waits);
+    let own = select(select(parameters.estimates, 1.0, reuses), 0.0, waits);
     let packed = positions[id.x];
     let at = vec2(packed & 0xffffu, packed >> 16u);
     let depth = abs(bitcast<f32>(first.w));
@@ -475,7 +478,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let is_kept = history.diffuse_age > 0.0 && confidence > LEAST_CONFIDENCE;
     let kept_confidence = select(0.0, confidence, is_kept);
     let kept_shadow = select(0.0, history.blocker, is_kept);
-    let mixed_shadow = mix(kept_shadow, own_shadow, 1.0 / diffuse_age);
+    let mixed_shadow = mix(kept_shadow, own_shadow, min(own / diffuse_age, 1.0));
     let shadow = select(max(own_shadow, kept_shadow), mixed_shadow, own_shadow > 0.0 && kept_shadow > 0.0);
     let estimates = own + lent.weight;
     let glossy_estimates = own + lent_specular;
@@ -486,7 +489,8 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let sun_byte = u32(round(shadow)) << 1u | sun_centre;
     records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), bitcast<u32>(depth));
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
-    var toward = with_less_noise(fresh[3u * id.x + 2u].xyz, min(diffuse_age, specular_age));
+    let toward_fresh = fresh[3u * id.x + 2u].xyz & vec3(~SAMPLE_REUSES, ~0u, ~0u);
+    var toward = with_less_noise(toward_fresh, min(diffuse_age, specular_age) / max(own, 1.0));
     if waits {
         toward = select(NOWHERE, last_records[3u * id.x + 2u].xyz, found.weight > 0.0);
     }

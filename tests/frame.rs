@@ -493,9 +493,10 @@ fn at_rest_edges_become_smooth_where_each_pixel_has_its_ray() {
     assert!(last > first + 2.0 && last > without + 2.0, "{first} {last} {without}");
 }
 
-/// Half the light rays where the view stays, all of them at first, after a turn, and for frames that stand alone.
+/// Half the light rays where the view stays, all of them at first and for frames that stand alone; after a turn a part of them
+/// for what the frame before has seen, all where nothing was found before.
 #[test]
-fn frames_at_rest_send_fewer_rays_and_moving_ones_all() {
+fn frames_send_fewer_rays_where_others_have_left_light() {
     let Some(machine) = machine() else { return };
     let loaded = town(1.0);
     let mut config = config(Method::Guided, Samples::Count(3000), 32);
@@ -504,16 +505,60 @@ fn frames_at_rest_send_fewer_rays_and_moving_ones_all() {
         eye.world_from_eye.rotation *= DQuat::from_rotation_y(yaw);
         Plan::mono(eye)
     };
-    let mut rays = |rays: u32, reuse: bool| -> Vec<u64> {
+    let mut rays = |rays: u32, reuse: bool, rays_in_motion: f64| -> Vec<u64> {
         // Pixels that look aside of their middles have other edges.
-        (config.trace.rays, config.time) = (rays, TimeConfig { reuse, pictures: 1, ..TimeConfig::default() });
+        config.time = TimeConfig { reuse, pictures: 1, rays_in_motion, ..TimeConfig::default() };
+        config.trace.rays = rays;
         let mut renderer = renderer(&machine, &loaded, &config);
         let turns = [0.0, 0.0, 0.001, 0.031, 0.0315];
         turns.iter().map(|&yaw| renderer.frame(&plan(yaw), &[], 1).unwrap().rays).collect()
     };
-    let (all, half, reused) = (rays(32, false), rays(16, false), rays(32, true));
+    let [all, half, eighth] = [32, 16, 4].map(|count| rays(count, false, 0.125));
     assert!(all.iter().zip(&half).all(|(all, half)| all > half));
+    let (reused, moving) = (rays(32, true, 1.0), rays(32, true, 0.125));
     assert_eq!(reused, [all[0], half[1], half[2], all[3], half[4]], "of {all:?} and {half:?}");
+    // Something new comes into sight by that turn, not much.
+    let some = moving[3];
+    assert_eq!(moving, [all[0], half[1], half[2], some, half[4]], "of {all:?} and {half:?}");
+    assert!(some > eighth[3] && some < half[3], "{some} of {all:?} and {eighth:?}");
+}
+
+/// Frames of a view that turns are nearly what they are with all rays, for much less than all; after a cut all are sent.
+#[test]
+fn views_that_turn_live_on_light_of_earlier_frames() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let mut config = config(Method::Guided, Samples::Count(3000), 32);
+    let mut shown = |rays: u32, rays_in_motion: f64, reuse: bool| {
+        config.time = TimeConfig { rays_in_motion, reuse, ..TimeConfig::default() };
+        config.trace.rays = rays;
+        let mut renderer = renderer(&machine, &loaded, &config);
+        let mut eye = view(&loaded);
+        let frames = (0..14).map(|frame| {
+            eye.world_from_eye.rotation *= DQuat::from_rotation_y(0.005);
+            if frame == 12 {
+                renderer.forget();
+            }
+            // The gaze follows, so that the pattern is another one in each frame.
+            let gaze = DVec2::new(0.5 + 0.01 * f64::from(frame), 0.5);
+            let rays = renderer.frame(&Plan::mono(eye), &[gaze], frame).unwrap().rays;
+            let pixels: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&renderer.picture().unwrap());
+            let pixels = pixels.iter().map(|p| [p[0], p[1], p[2]]).collect();
+            (rays, Picture::new(WIDTH, HEIGHT, pixels).unwrap())
+        });
+        frames.collect::<Vec<_>>()
+    };
+    let (truth, all, some) = (shown(400, 1.0, false), shown(32, 1.0, true), shown(32, 0.25, true));
+    for frame in 0..14 {
+        let (all_rays, rays) = (all[frame].0, some[frame].0);
+        match frame {
+            0 | 12 => assert_eq!(rays, all_rays, "frame {frame}"),
+            _ => assert!(4 * rays < 3 * all_rays, "frame {frame}: {rays} of {all_rays}"),
+        }
+    }
+    let [all, some] = [&all, &some].map(|shown| psnr(&shown[11].1, &truth[11].1));
+    println!("PSNR after ten frames: {all:.1} dB with all rays, {some:.1} dB with fewer");
+    assert!(some > all - 0.7, "{some} {all}");
 }
 
 /// Where view and light have rested some samples are shaded in each frame and the others keep their means: pictures and

@@ -6,6 +6,8 @@
 typedef struct {
     Sample sample;
     SampleLight light;
+    // How it is shaded.
+    const Shading *shading;
     // What the rays' light counts, and for those that look for a surface by how much more; which of them look for any surface
     // and which for the nearest; which met one, and which are lost to it.
     Reflection weights[32];
@@ -26,7 +28,7 @@ typedef struct {
 // Aims a stream of light rays: those from `first_ray` on.
 static void aim_stream(const Scene *scene, const Shading *shading, Shaded *shaded, uint first_ray, uint seed, TraversalState *w)
 {
-    uint n = min(shading->rays - first_ray, 32u);
+    uint n = shading->rays > first_ray ? min(shading->rays - first_ray, 32u) : 0u;
     shaded->straight = 0;
     shaded->bounced = 0;
     shaded->smooth = 0;
@@ -177,14 +179,14 @@ static uint find_blocker(const Scene *scene, const Shading *shading, const Sampl
 
 // Shades samples first .. first + count into records[first ..]; counters[0] sums light rays, counters[1] samples whose
 // estimate was not finite.
-__kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first,
+__kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Camera before, Shading asked, __global const uint *samples, uint first,
                             uint count, __global const HitRecord *hits, __global const VisibilityRecord *visibility,
-                            __global SampleRecord *records, CacheInfo info, __global uint *keys, __global CacheCell *cells,
-                            __global uint *counters)
+                            __global SampleRecord *records, __global const HitRecord *past, CacheInfo info, __global uint *keys,
+                            __global CacheCell *cells, __global uint *counters)
 {
     Scene scene = SCENE_ARGUMENTS;
     // A copy, since it is changed below: in PoCL, the work-items of a group share a structure that is an argument.
-    Shading shading = asked;
+    Shading shading = asked, fewer = shading_of(asked, true);
     Cache cache = {keys, cells, 0, load3(camera.origin), info.least, info.most};
     uint2 range = share_of_item(count);
     uint n = 0, rays = 0;
@@ -197,9 +199,12 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
             pass_sample(&asked, seen, &records[index]);
             continue;
         }
+        bool reuses = reuses_light(&camera, &before, &asked, at, seen, past);
         uint k = n++;
         HitRecord hit = hits[shading.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : index];
         begin_sample(&scene, &camera, &shading, index, at, hit, &mine[k].sample);
+        mine[k].sample.reuses = reuses;
+        mine[k].shading = reuses ? &fewer : &shading;
         clear_light(&mine[k].light);
         mine[k].straight = mine[k].bounced = 0;
 #if HAS_EMITTERS
@@ -212,11 +217,11 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
     if (n == 0u)
         return;
 #if HAS_SUN
-    uint towards_sun = rays_to_sun(&shading);
+    uint towards_sun = rays_to_sun(&shading), fewer_towards_sun = rays_to_sun(&fewer);
     if (towards_sun > 0u) {
         for (uint k = 0; k < n; ++k)
             if (mine[k].sample.lit)
-                aim_stream_at_sun(&shading, &mine[k].sample, towards_sun, camera.seed, &states[k]);
+                aim_stream_at_sun(&shading, &mine[k].sample, rays_to_sun(mine[k].shading), camera.seed, &states[k]);
         uint seen[STREAMS];
         find_sun(&scene, &shading, mine, states, n, seen);
         for (uint k = 0; k < n; ++k) {
@@ -226,19 +231,20 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
             uint centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31;
             uint away = find_blocker(&scene, &shading, &mine[k].sample, &states[k], seen[k], centre != 0u, &rays);
             mine[k].sample.normal |= (away << 1 | centre) << 24;
-            rays += towards_sun;
+            rays += rays_to_sun(mine[k].shading);
         }
         shading.rays -= towards_sun;
+        fewer.rays -= fewer_towards_sun;
     }
 #endif
     for (uint ray = 0; ray < shading.rays; ray += 32u) {
         for (uint k = 0; k < n; ++k)
             if (mine[k].sample.lit)
-                aim_stream(&scene, &shading, &mine[k], ray, camera.seed, &states[k]);
+                aim_stream(&scene, mine[k].shading, &mine[k], ray, camera.seed, &states[k]);
         trace_streams(&scene, &shading, mine, states, n);
         for (uint k = 0; k < n; ++k)
             if (mine[k].sample.lit)
-                rays += add_stream(&scene, &shading, &cache, &mine[k], ray, camera.seed, &states[k]);
+                rays += add_stream(&scene, mine[k].shading, &cache, &mine[k], ray, camera.seed, &states[k]);
     }
     uint lost = 0;
     for (uint k = 0; k < n; ++k) {
@@ -247,14 +253,14 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
             rays += add_punctual(&scene, &shading, &sample->surface, sample->view, sample->chance, &mine[k].light.sum);
 #if HAS_GLASS
         if (sample->lit)
-            rays += add_glass_light(&scene, &shading, &cache, sample, camera.seed, &mine[k].light);
+            rays += add_glass_light(&scene, mine[k].shading, &cache, sample, camera.seed, &mine[k].light);
 #endif
         uint at = samples[sample->index], reflected = 0u;
 #if HAS_GLOSSY
         if (shading.guided)
             reflected = visibility[(at >> 16) * camera.width + (at & 0xffffu)].reflected;
 #endif
-        lost += end_sample(&shading, sample, &mine[k].light, reflected, &records[sample->index]) ? 0u : 1u;
+        lost += end_sample(mine[k].shading, sample, &mine[k].light, reflected, &records[sample->index]) ? 0u : 1u;
     }
     if (rays)
         atomic_add(&counters[0], rays);

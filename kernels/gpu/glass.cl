@@ -20,8 +20,9 @@ __kernel void generate_glass_rays(Camera camera, Shading asked, uint first_ray, 
 #if HAS_GLASS
     if (at >= 32u * count)
         return;
-    Shading shading = without_sun_rays(asked);
-    uint k = at % count, i = first_ray + at / count, n = rays_through_glass(&shading);
+    uint k = at % count;
+    Shading shading = light_shading_of(asked, reuses_of(states, k));
+    uint i = first_ray + at / count, n = rays_through_glass(&shading);
     __global uint *became = word_of(light_rays, count, PLANE_SOUGHT, at);
     *became = RAY_UNUSED;
     if (i >= n || !state_at(states, k)->sample.lit || !(state_at(states, k)->sample.surface.transmission > 0.0f))
@@ -127,7 +128,7 @@ __kernel void resolve_glass(Shading asked, uint first_ray, uint count, __global 
     uint k = (uint)get_global_id(0);
     if (k >= count || !state_at(states, k)->sample.lit || !(state_at(states, k)->sample.surface.transmission > 0.0f))
         return;
-    Shading shading = without_sun_rays(asked);
+    Shading shading = light_shading_of(asked, reuses_of(states, k));
     uint n = rays_through_glass(&shading);
     __global ShadedSample *state = state_at(states, k);
     float3 sum = state->through_glass;

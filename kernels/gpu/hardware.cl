@@ -143,10 +143,12 @@ __kernel void resolve_pixel_sun(SCENE_PARAMETERS, Camera camera, Shading shading
 __kernel void generate_sun_rays(Camera camera, Shading asked, uint count, __global uint *states, __global uint *rays)
 {
 #if HAS_SUN
-    uint at = (uint)get_global_id(0), n = rays_to_sun(&asked);
+    uint at = (uint)get_global_id(0);
     if (at >= 32u * count)
         return;
     uint k = at % count, i = at / count;
+    Shading shading = shading_of(asked, reuses_of(states, k));
+    uint n = rays_to_sun(&shading);
     set_unused(rays, count, at);
     if (i >= n || !state_at(states, k)->sample.lit)
         return;
@@ -166,11 +168,12 @@ __kernel void generate_blocker_rays(SCENE_PARAMETERS, Camera camera, Shading ask
 {
 #if HAS_SUN
     Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0), n = rays_to_sun(&asked);
+    uint k = (uint)get_global_id(0);
     if (k >= count || !state_at(states, k)->sample.lit)
         return;
     Sample sample = state_at(states, k)->sample;
-    uint pixel = samples[first + k];
+    Shading shading = shading_of(asked, sample.reuses);
+    uint n = rays_to_sun(&shading), pixel = samples[first + k];
     bool centre = visibility[(pixel >> 16) * camera.width + (pixel & 0xffffu)].normal >> 31, hidden = false, seen = false;
     float3 blocked = load3(asked.sun_direction);
     for (uint at = k; at < n * count; at += count) {

@@ -88,16 +88,19 @@ static void set_origin(__global uint *rays, uint count, uint k, float3 origin)
 }
 #endif
 
-// What is left for the light rays of a sample when some look at the sun.
-static Shading without_sun_rays(Shading asked)
+// How the light of a sample is found that is not the sun's: with the rays that are left when some look at the sun.
+static Shading light_shading_of(Shading asked, bool reuses)
 {
-    asked.rays -= rays_to_sun(&asked);
-    return asked;
+    Shading shading = shading_of(asked, reuses);
+    shading.rays -= rays_to_sun(&shading);
+    return shading;
 }
 
-__kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
+static bool reuses_of(__global uint *states, uint k) { return state_at(states, k)->sample.reuses; }
+
+__kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Camera before, Shading asked, __global const uint *samples, uint first, uint count,
                             __global const HitRecord *hits, __global const VisibilityRecord *visibility,
-                            __global const SampleRecord *records, __global uint *states)
+                            __global const SampleRecord *records, __global const HitRecord *past, __global uint *states)
 {
     Scene scene = SCENE_ARGUMENTS;
     uint k = (uint)get_global_id(0);
@@ -105,13 +108,16 @@ __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Shading asked, __gl
         return;
     __global ShadedSample *state = state_at(states, k);
     uint at = samples[first + k];
-    if (waits_for_turn(&camera, &asked, first + k, at, &visibility[(at >> 16) * camera.width + (at & 0xffffu)], &records[first + k])) {
+    __global const VisibilityRecord *seen = &visibility[(at >> 16) * camera.width + (at & 0xffffu)];
+    if (waits_for_turn(&camera, &asked, first + k, at, seen, &records[first + k])) {
         state->sample.index = NONE;
         state->sample.lit = false;
         return;
     }
     HitRecord hit = hits[asked.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : first + k];
+    bool reuses = reuses_light(&camera, &before, &asked, at, seen, past);
     begin_sample(&scene, &camera, &asked, first + k, at, hit, &state->sample);
+    state->sample.reuses = reuses;
     SampleLight none;
     clear_light(&none);
     state->light = none;
@@ -126,10 +132,12 @@ __kernel void trace_sun_rays(SCENE_PARAMETERS, Camera camera, Shading asked, __g
 {
 #if HAS_SUN
     Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0), n = rays_to_sun(&asked);
-    if (k >= count || n == 0u || !state_at(states, k)->sample.lit)
+    uint k = (uint)get_global_id(0);
+    if (k >= count || rays_to_sun(&asked) == 0u || !state_at(states, k)->sample.lit)
         return;
     Sample sample = state_at(states, k)->sample;
+    Shading shading = shading_of(asked, sample.reuses);
+    uint n = rays_to_sun(&shading);
     uint at = samples[first + k], rays = n, away = 0u;
     bool centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31, hidden = false, seen = false;
     float3 blocked = load3(asked.sun_direction);
@@ -161,13 +169,13 @@ __kernel void generate_light_rays(SCENE_PARAMETERS, Camera camera, Shading asked
                                   __global uint *light_rays, __global uint *queue, __global uint *paths)
 {
     Scene scene = SCENE_ARGUMENTS;
-    Shading shading = without_sun_rays(asked);
     uint at = (uint)get_global_id(0);
     if (at == 0u)
         queue[0] = paths[0] = 0u;
     if (at >= 32u * count)
         return;
     uint k = at % count, number = first_ray + at / count;
+    Shading shading = light_shading_of(asked, reuses_of(states, k));
 #if HARDWARE_RAYS
     if (at < count)
         set_origin(light_rays, count, k, state_at(states, k)->sample.origin);
@@ -425,8 +433,8 @@ __kernel void end_samples(Camera camera, Shading asked, __global const uint *sam
         pass_sample(&asked, &visibility[(at >> 16) * camera.width + (at & 0xffffu)], &records[first + k]);
         return;
     }
-    Shading shading = without_sun_rays(asked);
     ShadedSample state = *state_at(states, k);
+    Shading shading = light_shading_of(asked, state.sample.reuses);
 #if HAS_GLOSSY
     if (shading.guided)
         reflected = visibility[(at >> 16) * camera.width + (at & 0xffffu)].reflected;

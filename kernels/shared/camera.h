@@ -13,6 +13,15 @@ DEFINE_PICTURE_POINT(picture_point, float)
 DEFINE_PICTURE_POINT(picture_points8, float8)
 DEFINE_PICTURE_POINT(picture_points16, float16)
 
+// Its inverse, for one point: as `Axis::pixel` of src/math/spacing.rs.
+static float pixel_at(const float axis[4], float point)
+{
+    if (axis[3] == 0.0f)
+        return point;
+    float away = point - axis[0], distance = fabs(away), beyond = max(distance - axis[2], 0.0f);
+    return axis[1] + copysign(min(distance, axis[2]) + beyond / fma(axis[3], beyond, 1.0f), away);
+}
+
 static float pixels_covered(const float axis[4], float pixel)
 {
     float shrunk = 1.0f - axis[3] * max(fabs(pixel - axis[1]) - axis[2], 0.0f);

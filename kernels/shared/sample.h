@@ -10,8 +10,8 @@ typedef struct {
     uint chance;
     // Its place in the list.
     uint index;
-    // Whether it sees a surface that light makes brighter.
-    bool lit;
+    // Whether it sees a surface that light makes brighter, and is sent fewer rays since there is light for that from before.
+    bool lit, reuses;
     // What needs no light rays: the background's or the surface's own.
     float3 radiance;
     float depth;
@@ -237,34 +237,6 @@ static uint rays_to_sun(const Shading *shading)
 #endif
 }
 
-// Cosine between normals from which on a sample's surface is the one that it had before.
-#define SAME_SURFACE 0.95f
-
-// Whether a sample waits for another frame to be shaded: it is not its turn, and what it sees is on the surface that it saw in
-// the frame before, of which `had` is left: within a pixel's width of it along its normal.
-static bool waits_for_turn(const Camera *camera, const Shading *shading, uint index, uint at, __global const VisibilityRecord *seen,
-                           __global const SampleRecord *had)
-{
-    if (!shading->guided || shading->turns <= 1u || index / TURN_SAMPLES % shading->turns == shading->turn)
-        return false;
-    float3 n = unpack_normal24(seen->normal), d = camera_ray(camera, at & 0xffffu, at >> 16);
-    float off = fabs((seen->depth - fabs(had->depth)) * dot3(n, d)) / view_depth(camera, d, 1.0f);
-    float width = pixel_footprint(camera, (float2)(at & 0xffffu, at >> 16) + 0.5f) * seen->depth;
-    return off <= width && dot3(n, unpack_normal24(had->normal)) >= SAME_SURFACE;
-}
-
-// The record of one that does: what its pixel sees, and no light.
-static void pass_sample(const Shading *asked, __global const VisibilityRecord *seen, __global SampleRecord *record)
-{
-    uint centre = rays_to_sun(asked) ? seen->normal >> 31 : 0u, reflected = 0u;
-#if HAS_GLOSSY
-    reflected = seen->reflected;
-#endif
-    SampleRecord whole = {{0.0f, 0.0f, 0.0f}, -seen->depth, {0.0f, 0.0f, 0.0f}, (seen->normal & 0xffffffu) | centre << 24,
-                          {SAMPLE_WAITS, 0u, 0u}, reflected};
-    *record = whole;
-}
-
 #if HAS_SUN
 // The direction of ray i of n to the sun's disc; false where the surface faces away from it.
 static bool aim_at_sun(const Shading *shading, const Sample *sample, uint i, uint n, uint seed, float3 *d)
@@ -294,6 +266,7 @@ INLINED static void begin_sample(const Scene *scene, const Camera *camera, const
     float3 d = camera_ray(camera, at & 0xffffu, at >> 16);
     sample->index = index;
     sample->lit = false;
+    sample->reuses = false;
     sample->radiance = 0.0f;
     sample->depth = 0.0f;
     sample->normal = 0;
@@ -440,6 +413,7 @@ INLINED static bool end_sample(const Shading *shading, const Sample *sample, Sam
             alone = without_colors(&sample->surface, sample->f0, light->sum);
         first = alone.diffuse;
         second = alone.specular;
+        toward[0] |= sample->reuses ? SAMPLE_REUSES : 0u;
         toward[1] |= noise << 30;
         toward[2] |= noise >> 2 << 30;
     } else if (sample->lit) {
@@ -450,6 +424,7 @@ INLINED static bool end_sample(const Shading *shading, const Sample *sample, Sam
         first = 0.0f;
         second = 0.0f;
         depth = -1.0f;
+        toward[0] &= ~SAMPLE_REUSES;
     }
     SampleRecord whole = {{first.x, first.y, first.z}, depth, {second.x, second.y, second.z}, sample->normal,
                           {toward[0], toward[1], toward[2]}, reflected};

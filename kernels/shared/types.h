@@ -53,6 +53,7 @@ typedef struct {
 
 typedef struct {
     uint rays;
+    uint fewer_rays;
     uint bounces;
     uint cached;
     uint guided;
@@ -269,7 +270,7 @@ typedef struct {
 #define ANISOTROPY_TEXTURE 0xcu
 #define TRANSMISSION_TEXTURE 0xdu
 #define IS_MAPPED 0x40000000u
-#define SAMPLE_WAITS 0x80000000u
+#define SAMPLE_REUSES 0x80000000u
 #define LAW_LEVEL 0x0u
 #define LAW_POWER 0x1u
 #define LAW_LINEAR_MAR 0x2u

@@ -136,6 +136,7 @@ fn frame_ms(tracer: &mut Tracer) -> Result<f64> {
         guided: true,
         seed: 1,
         jitter: false,
+        fewer_rays: None,
         turn: Turn::ALL,
     };
     let samples = Buffer::new(tracer.device(), SAMPLES)?;

@@ -58,6 +58,8 @@ pub struct TimeConfig {
     pub pictures: u32,
     /// Of [`super::TraceConfig::rays`], the part that a frame sends where one before it has left light and the view has hardly moved.
     pub rays: f64,
+    /// The same of samples whose surfaces the frame before has seen, while the view moves more.
+    pub rays_in_motion: f64,
     /// The part of the samples that a frame shades, in turn, where view and light have rested for a while: one in a whole number
     /// of them, at most half of `frames`.
     pub samples: f64,
@@ -65,6 +67,6 @@ pub struct TimeConfig {
 
 impl Default for TimeConfig {
     fn default() -> Self {
-        TimeConfig { reuse: true, frames: 32, eyes: true, pictures: 16, rays: 0.5, samples: 0.25 }
+        TimeConfig { reuse: true, frames: 32, eyes: true, pictures: 16, rays: 0.5, rays_in_motion: 0.25, samples: 0.25 }
     }
 }

@@ -13,7 +13,7 @@ use super::exposure::{Exposure, stops_for};
 use super::pipeline::Output;
 use crate::config::{ExposureConfig, ViewConfig};
 use crate::layout::{
-    SAMPLE_WAITS, SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24,
+    SAMPLE_REUSES, SUN_VISIBLE, SampleRecord, VisibilityRecord, unpack_emission, unpack_normal24,
     unpack_surface,
 };
 use crate::scene::Sun;
@@ -102,7 +102,7 @@ impl Metered<'_> {
                 let pixel = |at: &u32| (at >> 16) as usize * self.width as usize + (at & 0xffff) as usize;
                 let seen = visibility.at(self.samples.iter().step_by(step).map(pixel));
                 let shaded =
-                    |(sample, _): &(&SampleRecord, &VisibilityRecord)| sample.toward[0] & SAMPLE_WAITS == 0;
+                    |(sample, _): &(&SampleRecord, &VisibilityRecord)| sample.toward[0] & SAMPLE_REUSES == 0 || sample.depth > 0.0;
                 let shaded = records.iter().zip(&seen).filter(shaded);
                 shaded.map(|(sample, seen)| guided(sample, seen, sun)).collect()
             }

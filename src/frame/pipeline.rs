@@ -224,6 +224,7 @@ impl Renderer {
             least_expected: self.least_expected,
             light_holds: self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused),
             light_changes: self.moves(),
+            estimates: traced.estimates,
             movers: self.state.as_ref().map_or_else(Arc::default, |state| state.movers().clone()),
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,

@@ -38,7 +38,7 @@ pub(super) fn named() -> [(&'static str, u32); 40] {
         ("ANISOTROPY_TEXTURE", 12),
         ("TRANSMISSION_TEXTURE", 13),
         ("IS_MAPPED", IS_MAPPED),
-        ("SAMPLE_WAITS", SAMPLE_WAITS),
+        ("SAMPLE_REUSES", SAMPLE_REUSES),
         ("LAW_LEVEL", LAW_LEVEL),
         ("LAW_POWER", LAW_POWER),
         ("LAW_LINEAR_MAR", LAW_LINEAR_MAR),
@@ -111,7 +111,8 @@ pub const MATERIAL_GLOSSINESS: u32 = 4;
 pub const MATERIAL_SOLID: u32 = 8;
 /// In [`super::SampleRecord::toward`]: the surface has a normal map.
 pub const IS_MAPPED: u32 = 1 << 30;
-/// There: the sample waits for its turn to be shaded, and has no light.
-pub const SAMPLE_WAITS: u32 = 1 << 31;
+/// There: earlier frames have left light for the sample, so that it was sent fewer rays than others; none, where its depth is
+/// negative, while it waits for its turn.
+pub const SAMPLE_REUSES: u32 = 1 << 31;
 /// Materials at most: what [`super::Triangle::packed`] can hold.
 pub const MAX_MATERIALS: usize = 1 << 16;

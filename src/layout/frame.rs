@@ -66,6 +66,8 @@ pub struct SampleLaw {
 pub struct Shading {
     /// Light rays per sample.
     pub rays: u32,
+    /// The same of samples whose surfaces were seen in the frame before; as many as of others, where that is not asked.
+    pub fewer_rays: u32,
     /// Further bounces.
     pub bounces: u32,
     /// 1: what surfaces send is looked up in the cache of light.

@@ -54,7 +54,7 @@ pub fn types_wgsl() -> String {
         "BLOCKER_STEPS",
         "BLOCKER_METRE",
         "IS_MAPPED",
-        "SAMPLE_WAITS",
+        "SAMPLE_REUSES",
     ];
     let mut text = String::from("// Written from src/layout/: change it there.\n") + &records::wgsl();
     for (name, value) in constants::named().into_iter().filter(|(name, _)| shared.contains(name)) {

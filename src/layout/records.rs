@@ -12,7 +12,7 @@ shared_structs! {
 /// what it reflects of the sun, is `diffuse * first + f0 * second + emission`, where `diffuse = base (1 - metalness)` and
 /// `f0 = max(mix(0.04, base, metalness), 0.001)`; base, metalness and emission come from [`VisibilityRecord`].
 /// A sample that hit nothing, or whose estimate was not finite, has `depth` <= 0 and must get no weight
-/// in guided reconstruction. One that waits for its turn ([`super::Shading::turns`]) has no light, [`super::SAMPLE_WAITS`]
+/// in guided reconstruction. One that waits for its turn ([`super::Shading::turns`]) has no light, [`super::SAMPLE_REUSES`]
 /// in place of where it comes from, and the negative of the depth that its pixel sees.
 pub struct SampleRecord {
     /// Linear RGB: radiance (k-NN) or diffuse radiance divided by diffuse albedo (guided).
@@ -30,7 +30,7 @@ pub struct SampleRecord {
     /// from which such light comes, as three 10-bit snorms, x in the low bits; and [`super::IS_MAPPED`] in the first. `first`
     /// is then divided by how much more of this light falls on the mapped normal than on one that faces nowhere
     /// (`directional_share` of glossy.h), which each pixel multiplies back for its own. Elsewhere 0, but for
-    /// the high two bits of the second and the third: with guided reconstruction these tell everywhere how noisy the light is
+    /// [`super::SAMPLE_REUSES`] in the first, and the high two bits of the second and the third: with guided reconstruction these tell everywhere how noisy the light is
     /// ([`super::noise_code`]).
     pub toward: [u32; 3],
     /// [`VisibilityRecord::reflected`] of the sample's pixel.

@@ -36,6 +36,9 @@ pub struct Frame<'a> {
     pub light_holds: f32,
     /// Whether things or lights move, so that light may be other than it was in the last frame.
     pub light_changes: bool,
+    /// Estimates that a sample counts as that was sent all rays, at least 1, where others are sent fewer
+    /// ([`crate::layout::SAMPLE_REUSES`]) and count as one.
+    pub estimates: f32,
     /// Where what moves as a whole is: `world_from_part` in metres, by the number that [`crate::layout::SURFACE_MOVER`] has
     /// of it, less one; `None` where that is not known. The same numbers are of the same things in all frames.
     pub movers: Arc<[Option<DMat4>]>,

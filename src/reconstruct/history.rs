@@ -14,7 +14,7 @@
 //! light rays, by default half: at rest history makes up for more than that within a few frames. In motion it
 //! does not (docs/measurements.md), so all are sent. Where view, things and light have rested for longer, samples take turns:
 //! `time.samples` of them are shaded, in groups that follow each other in the list, and those of the others that see the surface
-//! that they saw keep their means and ages ([`crate::layout::SAMPLE_WAITS`]). A surface that comes into view has no history there; it
+//! that they saw keep their means and ages ([`crate::layout::SAMPLE_REUSES`]). A surface that comes into view has no history there; it
 //! is filtered as a first frame is. `Renderer::forget` drops everything: after a cut, and between pictures
 //! that stand for themselves. The twin in `f64` is `src/reference/accumulate.rs`.
 
@@ -121,6 +121,7 @@ pub(super) struct AccumulateParameters {
     width: u32,
     longest: f32,
     light_changes: u32,
+    estimates: f32,
 }
 
 /// What a frame brings along.
@@ -139,6 +140,8 @@ pub(super) struct Fresh<'a> {
     pub longest: f32,
     /// See [`super::Frame::light_changes`].
     pub light_changes: bool,
+    /// See [`super::Frame::estimates`].
+    pub estimates: f32,
 }
 
 impl Source {
@@ -205,6 +208,7 @@ impl Accumulate {
             width: tables.width,
             longest: fresh.longest.min(self.reuse.frames as f32),
             light_changes: fresh.light_changes.into(),
+            estimates: fresh.estimates,
         };
         history.rested = match history.is_within(fresh.view, RESTING) && !fresh.light_changes {
             true => history.rested.saturating_add(1),
@@ -249,6 +253,11 @@ impl Accumulate {
 /// What one eye's newest frame lends to the other.
 pub(super) struct Other(Kept);
 impl History {
+    /// Whether the next frame finds one before it.
+    pub fn is_there(&self) -> bool {
+        self.last.is_some()
+    }
+
     /// Whether the next frame of a view finds one before it, seen from nearly the same place.
     pub fn is_near(&self, view: &View) -> bool {
         self.is_within(view, NEAR)

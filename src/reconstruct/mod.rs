@@ -239,6 +239,7 @@ impl Reconstruction {
                     plane_tolerance,
                     longest,
                     light_changes,
+                    estimates: frame.estimates,
                 };
                 let history = &mut state.history;
                 let records =
@@ -355,6 +356,11 @@ impl Reconstruction {
     /// Whether pixels of views that are not even are means over their last pictures.
     pub fn takes_means(&self) -> bool {
         self.resolve.is_some()
+    }
+
+    /// Whether the next frame of the `index`-th view finds one before it.
+    pub fn has_history(&self, index: usize) -> bool {
+        self.views.get(index).is_some_and(|state| state.history.is_there())
     }
 
     /// Whether the next frame of the `index`-th view takes light from one before it that was seen from nearly the same

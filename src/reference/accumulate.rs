@@ -69,8 +69,16 @@ pub struct Sample {
     pub roughness: f64,
     /// How its surface has moved since the last frame.
     pub motion: Motion,
-    /// Whether it waits for its turn, and has no light of this frame.
-    pub waits: bool,
+    /// Estimates that its light counts as: 1, more where it was sent all rays and others fewer, and 0 where it waits for its turn
+    /// and has no light of this frame.
+    pub estimates: f64,
+}
+
+impl Sample {
+    /// Whether it waits for its turn.
+    pub fn waits(&self) -> bool {
+        self.estimates == 0.0
+    }
 }
 
 /// How a surface has moved since the last frame.
@@ -155,11 +163,11 @@ fn one(
     settings: &Settings,
 ) -> (Sample, History) {
     let sample = fresh[index];
-    let sees_a_surface = sample.waits && sample.depth > 0.0;
+    let (own, waits) = (sample.estimates, sample.waits());
+    let sees_a_surface = waits && sample.depth > 0.0;
     if !usable(&sample) && !sees_a_surface {
         return (sample, History::default());
     }
-    let own = if sample.waits { 0.0 } else { 1.0 };
     let point = point_of(view, &sample);
     let lent = other.and_then(|kept| look_across(kept, view, &sample, point, settings));
     let (lent_light, lent_gloss, lent_weight, lent_gloss_weight) = lent.unwrap_or_default();
@@ -170,17 +178,17 @@ fn one(
     let mut history = History { fast: value, slow: value, ..History::default() };
     let mut found = (sample.diffuse, sample.specular, 0.0);
     if let Some((past, (diffuse, specular, shadow, old))) = last.zip(past).and_then(|(kept, past)| {
-        let old = match sample.waits {
+        let old = match waits {
             true => what_it_had(kept, index),
             false => look_back(kept, view, &sample, &past, settings),
         };
         old.map(|old| (past, old))
     }) {
-        history = match sample.waits {
+        history = match waits {
             true => old,
             false => followed(&old, value, error.filter(|_| settings.light_changes), longest),
         };
-        let kept = match sample.motion == Motion::Still || sample.waits {
+        let kept = match sample.motion == Motion::Still || waits {
             true => 1.0,
             false => kept_in_motion(&old, value, error),
         };
@@ -188,7 +196,7 @@ fn one(
         history.ages[1] *= kept * past.alike_reflection;
         found = (diffuse, specular, shadow);
     }
-    if sample.waits && history.ages[0] + lent_weight <= 0.0 {
+    if waits && history.ages[0] + lent_weight <= 0.0 {
         return (sample, History::default());
     }
     let (estimates, glossy_estimates) = (own + lent_weight, own + lent_gloss_weight);
@@ -196,7 +204,7 @@ fn one(
         [(history.ages[0] + estimates).min(longest), (history.ages[1] + glossy_estimates).min(longest)];
     let light = (sample.diffuse * own + lent_light * lent_weight) / estimates.max(LEAST_WEIGHT);
     let gloss = (sample.specular * own + lent_gloss * lent_gloss_weight) / glossy_estimates.max(LEAST_WEIGHT);
-    let confidence = if sample.waits { history.confidence } else { CONFIDENCE_KEPT * history.confidence };
+    let confidence = if waits { history.confidence } else { CONFIDENCE_KEPT * history.confidence };
     let is_kept = history.ages[0] > 0.0 && confidence > LEAST_CONFIDENCE;
     let kept_shadow = if is_kept { found.2 } else { 0.0 };
     history.confidence = match (sample.blocker > 0.0, is_kept) {
@@ -205,21 +213,21 @@ fn one(
         (false, false) => 0.0,
     };
     let blocker = match (sample.blocker > 0.0, kept_shadow > 0.0) {
-        (true, true) => kept_shadow + (sample.blocker - kept_shadow) / ages[0],
+        (true, true) => kept_shadow + (sample.blocker - kept_shadow) * (own / ages[0]).min(1.0),
         _ => sample.blocker.max(kept_shadow),
     };
     let mixed = Sample {
         diffuse: found.0.lerp(light, (estimates / ages[0]).min(1.0)),
         specular: found.1.lerp(gloss, (glossy_estimates / ages[1].max(LEAST_WEIGHT)).min(1.0)),
         blocker,
-        waits: false,
+        estimates: 1.0,
         ..sample
     };
     (mixed, History { ages, ..history })
 }
 
 fn usable(sample: &Sample) -> bool {
-    !sample.waits
+    !sample.waits()
         && sample.diffuse.is_finite()
         && sample.specular.is_finite()
         && sample.depth.is_finite()

@@ -25,6 +25,7 @@ pub mod brdf;
 mod bvh;
 pub mod guided;
 pub mod intersect;
+pub mod known;
 pub mod layers;
 pub mod light;
 pub mod motion;

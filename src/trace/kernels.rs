@@ -158,15 +158,16 @@ kernels! {
     );
     /// Shades samples.
     ShadeSamples = shade_samples(
-        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
-        hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>, records: &Buffer<SampleRecord>,
-        info: &CacheInfo, keys: Option<&Buffer<u32>>, cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
+        scene: SceneOf, camera: &Camera, before: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32,
+        count: u32, hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>,
+        records: &Buffer<SampleRecord>, past: Option<&Buffer<HitRecord>>, info: &CacheInfo, keys: Option<&Buffer<u32>>,
+        cells: Option<&Buffer<CacheCell>>, counters: &Buffer<u32>,
     );
     /// Looks at what samples see.
     BeginSamples = begin_samples(
-        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
-        hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>, records: &Buffer<SampleRecord>,
-        states: &Buffer<u32>,
+        scene: SceneOf, camera: &Camera, before: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32,
+        count: u32, hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>,
+        records: &Buffer<SampleRecord>, past: Option<&Buffer<HitRecord>>, states: &Buffer<u32>,
     );
     /// Finds where a part of the sun is hidden from samples.
     TraceSunRays = trace_sun_rays(

@@ -39,6 +39,6 @@ pub use deform::deformed_bytes;
 pub use fleet::{Fleet, Opener, Parts, Round, State, Tried};
 pub use moving::{DeformedBy, MovingScene, SceneState};
 pub use scene_buffers::{BufferBytes, SceneBuffers, SceneContents, SceneData, tree_bytes};
-pub use tracer::{InFlight, Settings, TracePattern, Traced, Tracer, Turn, camera, try_kernels};
+pub use tracer::{InFlight, Past, Settings, TracePattern, Traced, Tracer, Turn, camera, try_kernels};
 pub use traversal::{Traversal, Traversals};
 pub use worker::{DeviceWorker, Job, PartResult, RayQueryDevice, SampleTarget, Worker};

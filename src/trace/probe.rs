@@ -203,6 +203,7 @@ impl Probe {
             guided: false,
             seed: 0,
             jitter: false,
+            fewer_rays: None,
             turn: Turn::ALL,
         };
         self.camera = tracer::camera(view, self.anchor, &settings);

@@ -49,6 +49,7 @@ pub fn run(device: &Device, programs: &Programs, hardware: Option<&Context>) -> 
             guided,
             seed: 1,
             jitter: false,
+            fewer_rays: None,
             turn: Turn::ALL,
         };
         let samples = Buffer::new(device, pattern.samples.len())?;

@@ -36,7 +36,7 @@ pub(super) const SURFACE_BYTES: usize = 304;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 46] = [
+const FILES: [&str; 47] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
@@ -76,6 +76,7 @@ const FILES: [&str; 46] = [
     include_str!("../../kernels/cpu/cells.cl"),
     include_str!("../../kernels/gpu/cells.cl"),
     include_str!("../../kernels/shared/sample.h"),
+    include_str!("../../kernels/shared/reuse.h"),
     include_str!("../../kernels/cpu/shade.cl"),
     include_str!("../../kernels/gpu/shade.cl"),
     include_str!("../../kernels/gpu/glass.cl"),

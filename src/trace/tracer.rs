@@ -50,6 +50,9 @@ const COUNTERS: usize = 4;
 pub struct Settings {
     /// Light rays per sample.
     pub rays: u32,
+    /// The same of samples whose surfaces were seen in the view's frame before ([`Past`]), which has left light for them; guided
+    /// settings only. None: all have as many.
+    pub fewer_rays: Option<u32>,
     /// Further bounces, 0 to 4.
     pub bounces: u32,
     /// More camera rays in each pixel at an edge, 0 to 8; guided settings only.
@@ -80,6 +83,15 @@ pub struct Turn {
 impl Turn {
     /// All samples are shaded.
     pub const ALL: Turn = Turn { number: 0, of: 1 };
+}
+
+/// The frame of a view before the one that is traced.
+#[derive(Debug)]
+pub struct Past {
+    /// How it was seen.
+    pub view: View,
+    /// The hits of its pixels, row after row.
+    hits: Buffer<HitRecord>,
 }
 
 /// What a trace did, and how long the device took for it.
@@ -336,6 +348,7 @@ impl Tracer {
     fn shading(&self, settings: &Settings) -> layout::Shading {
         layout::Shading {
             rays: settings.rays,
+            fewer_rays: settings.fewer_rays.map_or(settings.rays, |fewer| fewer.clamp(1, settings.rays.max(1))),
             bounces: settings.bounces,
             cached: u32::from(settings.cached),
             guided: u32::from(settings.guided),

@@ -136,6 +136,8 @@ impl Idle {
             hits,
             visibility: None,
             records: samples,
+            before: camera,
+            past: None,
             light,
             counters,
             glass: true,

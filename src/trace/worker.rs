@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{InFlight, SceneData, SceneState, Settings, SkyState, TracePattern, Tracer, Traversals};
+use super::{InFlight, Past, SceneData, SceneState, Settings, SkyState, TracePattern, Tracer, Traversals};
 use crate::error::{Error, Result};
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
@@ -152,6 +152,8 @@ struct OwnView {
     uploaded: TracePattern,
     samples: Option<Buffer<SampleRecord>>,
     visibility: Option<Buffer<VisibilityRecord>>,
+    /// Its last frame, where that is asked for.
+    past: Option<Past>,
 }
 
 impl DeviceWorker {
@@ -210,7 +212,7 @@ impl DeviceWorker {
         }
         self.prepare(job)?;
         let DeviceWorker { tracer, views, direct, slices, light, .. } = self;
-        let Some(own) = &views[job.index] else { unreachable!("a view that was just prepared") };
+        let Some(own) = &mut views[job.index] else { unreachable!("a view that was just prepared") };
         let target = &job.sample_target;
         let in_place = target.samples.opencl().filter(|_| *direct && job.direct);
         let Some(samples) = in_place.or(own.samples.as_ref()) else {
@@ -230,8 +232,10 @@ impl DeviceWorker {
             // It may be ahead already, where it does another's part of a view before.
             *light = job.light.max(*light);
         }
+        let past = job.settings.fewer_rays.map(|_| &mut own.past);
+        let records = (samples, visibility);
         let work =
-            tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, samples, visibility)?;
+            tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, records, past)?;
         let mut begun =
             Begun { part: part.clone(), slices: parts, work, light: steps, samples: None, visibility: None };
         if in_place.is_none() {
@@ -262,8 +266,17 @@ impl DeviceWorker {
         if !slot.as_ref().is_some_and(|own| Arc::ptr_eq(&own.pattern, &job.pattern)) {
             let uploaded = self.tracer.pattern(&job.pattern)?;
             let pattern = job.pattern.clone();
-            let (samples, visibility) = slot.take().map_or((None, None), |own| (own.samples, own.visibility));
-            *slot = Some(OwnView { pattern, uploaded, samples, visibility });
+            *slot = Some(match slot.take() {
+                Some(own) => OwnView { pattern, uploaded, ..own },
+                None => {
+                    OwnView { pattern, uploaded, samples: None, visibility: None, past: None }
+                }
+            });
+        }
+        if job.settings.fewer_rays.is_none()
+            && let Some(own) = slot
+        {
+            own.past = None;
         }
         let direct = self.direct && job.direct && job.sample_target.samples.opencl().is_some();
         if let Some(own) = slot.as_mut().filter(|_| !direct) {

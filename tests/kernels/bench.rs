@@ -37,6 +37,7 @@ pub const PLAIN: Settings = Settings {
     guided: false,
     seed: 1,
     jitter: false,
+    fewer_rays: None,
     turn: Turn::ALL,
 };
 

@@ -132,6 +132,7 @@ pub fn last_shown(
         least_expected: LEAST,
         light_holds: f32::INFINITY,
         light_changes: false,
+        estimates: 1.0,
         movers: Default::default(),
         exposure: 0.0,
         other: None,

@@ -39,6 +39,7 @@ fn picture(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: false,
+        estimates: 1.0,
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: from,

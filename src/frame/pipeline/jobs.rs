@@ -14,7 +14,9 @@ impl Renderer {
     /// What devices are told of a view.
     pub(super) fn job(&mut self, index: usize, view: &View, seed: u32) -> Job {
         let turn = self.turn(index, view);
+        let (rays, fewer_rays) = self.rays_of(index, view);
         self.views[index].turn = turn;
+        self.views[index].estimates = rays as f32 / fewer_rays.unwrap_or(rays) as f32;
         let traced = &self.views[index];
         // Averages of many pictures are meant to be exact.
         let cached = self.settings.cached && !self.settings.jitter;
@@ -27,7 +29,8 @@ impl Renderer {
                 seed,
                 cached,
                 turn,
-                rays: self.rays_of(index, view),
+                rays,
+                fewer_rays,
                 ..self.settings
             },
             light: self.light,
@@ -84,10 +87,19 @@ impl Renderer {
         }
     }
 
-    /// Light rays of each of a view's samples: fewer where earlier frames have sent some for it.
-    fn rays_of(&self, index: usize, view: &View) -> u32 {
+    /// Light rays of each of a view's samples, and of those whose surfaces were seen in the frame before, where one has left
+    /// light: fewer for all where the view has hardly moved. Several devices send all: what each has seen of the frame before
+    /// depends on how they share it.
+    fn rays_of(&self, index: usize, view: &View) -> (u32, Option<u32>) {
         let rays = self.settings.rays;
-        let part = (f64::from(rays) * self.time.rays).ceil() as u32;
-        if self.reconstruction.remembers(index, view) { part.clamp(1, rays) } else { rays }
+        let part = |share: f64| ((f64::from(rays) * share).ceil() as u32).clamp(1, rays);
+        let keeps = self.scheduler.fleet().count() == 1 && !self.settings.jitter;
+        if self.reconstruction.remembers(index, view) {
+            let rays = part(self.time.rays);
+            (rays, keeps.then_some(rays))
+        } else {
+            let known = self.reconstruction.has_history(index);
+            (rays, keeps.then(|| if known { part(self.time.rays_in_motion) } else { rays }))
+        }
     }
 }

@@ -26,6 +26,8 @@ pub(super) struct TracedView {
     pub(super) sample_target: Arc<SampleTarget>,
     /// Which of its samples have light of this frame.
     pub(super) turn: Turn,
+    /// See [`crate::reconstruct::Frame::estimates`].
+    pub(super) estimates: f32,
     /// How the results land there, and what devices had left undone when it was made: see [`crate::frame::Scheduler::losses`].
     sharing: (Sharing, u64),
 }
@@ -147,7 +149,8 @@ impl Renderer {
             }
         };
         let (pattern, workload) = (Arc::new(pattern), Arc::new(workload));
-        let view = TracedView { key, view, pattern, workload, sample_target, turn: Turn::ALL, sharing };
+        let (turn, estimates) = (Turn::ALL, 1.0);
+        let view = TracedView { key, view, pattern, workload, sample_target, turn, estimates, sharing };
         if index < self.views.len() {
             self.views[index] = view;
         } else {

@@ -211,6 +211,7 @@ pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {
         guided: quality.method == Method::Guided,
         seed,
         jitter: false,
+        fewer_rays: None,
         turn: Turn::ALL,
     }
 }

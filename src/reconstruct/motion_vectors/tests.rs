@@ -154,6 +154,7 @@ fn submit(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: false,
+        estimates: 1.0,
         movers: movers(frame),
         overlay: Default::default(),
         shown_from: shown_from(frame, manner),

@@ -125,6 +125,7 @@ fn submit_with(
         least_expected: 0.01,
         light_holds: f32::INFINITY,
         light_changes: walks,
+        estimates: 1.0,
         movers: movers(frame),
         overlay: Default::default(),
         shown_from: None,

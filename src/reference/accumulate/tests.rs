@@ -39,7 +39,7 @@ fn wall(view: &View, light: impl Fn(DVec3) -> f64) -> Vec<Sample> {
                 sun_centre: true,
                 roughness: 1.0,
                 motion: Motion::Still,
-                waits: false,
+                estimates: 1.0,
             }
         })
         .collect()

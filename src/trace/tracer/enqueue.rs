@@ -1,7 +1,7 @@
 //! The work of a view, handed to a device's queue.
 
 use super::pattern::Ring;
-use super::{COUNTERS, Hardware, InFlight, Settings, TracePattern, Tracer, camera, untraced};
+use super::{COUNTERS, Hardware, InFlight, Past, Settings, TracePattern, Tracer, camera, untraced};
 use crate::error::Result;
 use crate::foveation::pattern::TILE;
 use crate::foveation::workload::Part;
@@ -23,19 +23,21 @@ impl Tracer {
         samples: &Buffer<SampleRecord>,
         visibility: Option<&Buffer<VisibilityRecord>>,
     ) -> Result<InFlight> {
-        self.enqueue_parts(view, settings, pattern, std::slice::from_ref(&pattern.whole), samples, visibility)
+        let whole = std::slice::from_ref(&pattern.whole);
+        self.enqueue_parts(view, settings, pattern, whole, (samples, visibility), None)
     }
 
     /// Like [`Tracer::enqueue`], for parts of the view that follow each other: records of other parts stay as
-    /// they are, except that the first part's first traced tile is described too.
+    /// they are, except that the first part's first traced tile is described too. `past` is the view's frame before this one,
+    /// for [`Settings::fewer_rays`], and then this one, whose parts are to be all that the view has.
     pub fn enqueue_parts(
         &mut self,
         view: &View,
         settings: &Settings,
         pattern: &TracePattern,
         parts: &[Part],
-        samples: &Buffer<SampleRecord>,
-        visibility: Option<&Buffer<VisibilityRecord>>,
+        records: (&Buffer<SampleRecord>, Option<&Buffer<VisibilityRecord>>),
+        past: Option<&mut Option<Past>>,
     ) -> Result<InFlight> {
         let most = PATH_QUEUES - 1;
         assert!(
@@ -44,12 +46,13 @@ impl Tracer {
             settings.bounces
         );
         let mut hardware = self.hardware.take();
-        let begun = self.enqueue_by(hardware.as_mut(), view, settings, pattern, parts, (samples, visibility));
+        let begun = self.enqueue_by(hardware.as_mut(), view, settings, pattern, parts, records, past);
         self.hardware = hardware;
         begun
     }
 
     /// The same; rays that `hardware` traces are waited for meanwhile.
+    #[allow(clippy::too_many_arguments)]
     fn enqueue_by(
         &mut self,
         mut hardware: Option<&mut Hardware>,
@@ -58,6 +61,7 @@ impl Tracer {
         pattern: &TracePattern,
         parts: &[Part],
         (samples, visibility): (&Buffer<SampleRecord>, Option<&Buffer<VisibilityRecord>>),
+        past: Option<&mut Option<Past>>,
     ) -> Result<InFlight> {
         assert_eq!(
             settings.guided,
@@ -83,6 +87,8 @@ impl Tracer {
             self.counters.fill_zero()?;
         }
         let camera = camera(view, self.anchor, settings);
+        let known = past.as_deref().and_then(Option::as_ref).filter(|_| settings.guided);
+        let before = known.map_or(camera, |past| self::camera(&past.view, self.anchor, settings));
         let shading = self.shading(settings);
         let mut copied = None;
         let (traces, camera_rays) = match visibility {
@@ -105,7 +111,17 @@ impl Tracer {
         let mut events = Vec::with_capacity(parts.len());
         for (part, trace) in parts.iter().zip(traces) {
             let by = hardware.as_deref_mut();
-            events.push((trace, self.shade(by, &camera, &shading, pattern, part, visibility, samples)?));
+            let past = (&before, known.map(|past| &past.hits));
+            let shaded = self.shade(by, &camera, &shading, pattern, part, visibility, samples, past)?;
+            events.push((trace, shaded));
+        }
+        if let Some(past) = past.filter(|_| settings.guided) {
+            // What was the last frame's is written over by the next view's.
+            let spare = match past.take() {
+                Some(past) => past.hits,
+                None => untraced(&self.device, needed)?,
+            };
+            *past = Some(Past { view: *view, hits: std::mem::replace(&mut self.hits, spare) });
         }
         samples.release()?;
         visibility.map_or(Ok(()), Buffer::release)?;

@@ -7,7 +7,7 @@ use super::{Hardware, Pixels, Step, TracePattern, Tracer};
 use crate::error::Result;
 use crate::foveation::workload::{Part, TILE_PIXELS};
 use crate::gpu::opencl::{Buffer, Event};
-use crate::layout::{self, MEET_BLENDS, SampleRecord, VisibilityRecord};
+use crate::layout::{self, HitRecord, MEET_BLENDS, SampleRecord, VisibilityRecord};
 use crate::trace::kernels::{Grid, SceneOf};
 
 impl Tracer {
@@ -196,6 +196,7 @@ impl Tracer {
         part: &Part,
         visibility: Option<&Buffer<VisibilityRecord>>,
         records: &Buffer<SampleRecord>,
+        (before, past): (&layout::Camera, Option<&Buffer<HitRecord>>),
     ) -> Result<Vec<Step>> {
         let work = Work {
             scene: SceneOf(Some(&self.scene), self.traversals.bundles),
@@ -207,6 +208,8 @@ impl Tracer {
             hits: &self.hits,
             visibility,
             records,
+            before,
+            past,
             light: self.light.looked_up(),
             counters: &self.counters,
             glass: self.may_be_glass,

@@ -45,6 +45,9 @@ pub(in crate::trace) struct Work<'a> {
     pub hits: &'a Buffer<HitRecord>,
     pub visibility: Option<&'a Buffer<VisibilityRecord>>,
     pub records: &'a Buffer<SampleRecord>,
+    /// How the view's frame before was seen, and its pixels' hits.
+    pub before: &'a layout::Camera,
+    pub past: Option<&'a Buffer<HitRecord>>,
     pub light: LookedUp<'a>,
     pub counters: &'a Buffer<u32>,
     /// Whether samples may see glass.
@@ -95,6 +98,7 @@ impl SampleShading {
                     grid,
                     work.scene,
                     work.camera,
+                    work.before,
                     work.shading,
                     work.samples,
                     work.first,
@@ -102,6 +106,7 @@ impl SampleShading {
                     work.hits,
                     work.visibility,
                     work.records,
+                    work.past,
                     info,
                     keys,
                     cells,
@@ -202,7 +207,19 @@ impl Wavefront {
         let Some(memory) = &self.memory else { return Ok(()) };
         let Memory { states, .. } = memory;
         let Work {
-            scene, camera, shading, samples, first, count, hits, visibility, records, counters, ..
+            scene,
+            camera,
+            before,
+            shading,
+            samples,
+            first,
+            count,
+            hits,
+            visibility,
+            records,
+            past,
+            counters,
+            ..
         } = *work;
         let group = Traversal::SingleRay.group();
         let of_samples = Grid { items: count as usize, group };
@@ -210,8 +227,8 @@ impl Wavefront {
         events.push(
             self.begin_samples
                 .launch(
-                    of_samples, scene, camera, shading, samples, first, count, hits, visibility, records,
-                    states,
+                    of_samples, scene, camera, before, shading, samples, first, count, hits, visibility,
+                    records, past, states,
                 )?
                 .into(),
         );

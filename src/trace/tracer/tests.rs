@@ -9,7 +9,9 @@ use crate::foveation::Law;
 use crate::frame::load::environment;
 use crate::gpu::opencl::device;
 use crate::layout::SampleRecord;
+use crate::foveation::spaced;
 use crate::math::view::FieldOfView;
+use crate::reference::{self, known::Sees};
 use crate::scene::generate::demo;
 use crate::scene::viewpoint::default_viewpoint;
 
@@ -61,6 +63,7 @@ fn check(scene: &Scene) {
             guided: false,
             seed: 5,
             jitter,
+            fewer_rays: None,
             turn: Turn::ALL,
         };
         let (blocks, streams) = hits_both_ways(&mut tracer, &view, settings);
@@ -104,6 +107,7 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
         guided: true,
         seed: 5,
         jitter: false,
+        fewer_rays: None,
         turn: Turn::ALL,
     };
     // Neither tiles nor their ring: edges and samples are asked for what nobody has traced.
@@ -111,12 +115,13 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     let camera = camera(&view, tracer.anchor, &settings);
     let shading = layout::Shading { guided: 1, hits_per_pixel: 1, rays: 4, ..tracer.scene.shading };
     tracer.share_edges(&camera, 2, &pattern, &pattern.whole, &records).unwrap();
-    tracer.shade(None, &camera, &shading, &pattern, &pattern.whole, Some(&records), &samples).unwrap();
+    let past = (&camera, None);
+    tracer.shade(None, &camera, &shading, &pattern, &pattern.whole, Some(&records), &samples, past).unwrap();
     device.finish().unwrap();
     assert!(samples.to_vec().unwrap().iter().all(|sample| sample.depth == 0.0));
     // A part leaves the rest as it was.
     let part = Part { samples: 0..0, tiles: 0..1, first_traced: 0 };
-    let work = tracer.enqueue_parts(&view, &settings, &pattern, &[part], &samples, Some(&records)).unwrap();
+    let work = tracer.enqueue_parts(&view, &settings, &pattern, &[part], (&samples, Some(&records)), None).unwrap();
     tracer.finish(work).unwrap();
     let hits = tracer.hits(view.pixels()).unwrap();
     let marked = hits.iter().filter(|hit| hit.triangle == UNTRACED).count();
@@ -158,6 +163,7 @@ fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
                 guided: true,
                 seed: 5,
                 jitter: false,
+                fewer_rays: None,
                 turn,
             };
             let work = tracer.enqueue(view, &settings, &pattern, &samples, Some(&visibility)).unwrap();
@@ -175,7 +181,7 @@ fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
                 continue;
             }
             let (first, second, depth) = ([0.0; 3], [0.0; 3], -seen.depth);
-            let marked = SampleRecord { first, second, depth, toward: [layout::SAMPLE_WAITS, 0, 0], ..*is };
+            let marked = SampleRecord { first, second, depth, toward: [layout::SAMPLE_REUSES, 0, 0], ..*is };
             assert_eq!(*is, marked, "{traversal:?}, sample {index}");
             let alike = (is.normal & 0xff_ffff, is.reflected) == (seen.normal & 0xff_ffff, seen.reflected);
             assert!(alike && is.normal >> 25 == 0, "{traversal:?}, sample {index}: {is:?} {seen:?}");
@@ -183,7 +189,7 @@ fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
         // From a step aside other surfaces are seen by some: these are shaded.
         let (mut new, mut still_wait) = (0, 0);
         for (index, ((_, before), (is, now))) in some.iter().zip(traced(&aside, turn)).enumerate() {
-            let waits_now = is.toward[0] & layout::SAMPLE_WAITS != 0;
+            let waits_now = is.toward[0] & layout::SAMPLE_REUSES != 0;
             assert!(waits(index) || !waits_now, "{traversal:?}, sample {index}");
             let other = before.depth > 1.5 * now.depth || now.depth > 1.5 * before.depth;
             new += usize::from(waits(index) && other);
@@ -191,6 +197,94 @@ fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
             assert!(!(other && waits_now), "{traversal:?}, sample {index}: {before:?} {now:?}");
         }
         assert!(new > 50 && still_wait > 500, "{traversal:?}: {new} see another surface, {still_wait} wait");
+    }
+}
+
+/// In motion samples are sent fewer rays whose surfaces the frame before has seen, as the reference in `f64` has it; all find the
+/// light that so many rays find.
+#[test]
+fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
+    let Some(info) = device::list().into_iter().next() else {
+        println!("not run: there is no OpenCL device");
+        return;
+    };
+    let device = Device::open(&info).unwrap();
+    let scene = Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap();
+    let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
+    let (light, _) = environment(&EnvironmentConfig::default(), 0.0).unwrap();
+    let features = Features::required_by(&scene, &light);
+    let fov = FieldOfView::symmetric(1.2, 1.5);
+    let world_from_eye = default_viewpoint(&scene, 70.0).world_from_eye;
+    let even = View { world_from_eye, fov, width: 192, height: 128, spacing: Default::default() };
+    // Two gazes, so that pixels of both frames are other ones.
+    let seen_from = |gaze: DVec2, turn: f64, aside: f64| {
+        let mut view = spaced(&even, gaze, 0.3, 1.0);
+        assert!(!view.spacing.is_even());
+        let eye = &mut view.world_from_eye;
+        eye.position += eye.rotation * DVec3::new(aside, 0.0, 0.0);
+        eye.rotation *= glam::DQuat::from_rotation_y(turn);
+        view
+    };
+    let (before, now) = (seen_from(DVec2::new(0.4, 0.5), 0.0, 0.0), seen_from(DVec2::new(0.55, 0.5), 0.12, 0.02));
+    for traversal in [Traversal::Packet, Traversal::SingleRay] {
+        let mut tracer = Tracer::with_features(&device, &scene, &bvh, &light, &features, traversal).unwrap();
+        let mut past = None;
+        let mut traced = |view: &View, rays: u32, fewer_rays: Option<u32>, past: Option<&mut Option<Past>>| {
+            let all = Pattern::new(view, &Law::default(), DVec2::splat(0.5), view.pixels() / 2);
+            let pattern = tracer.pattern(&all).unwrap();
+            let samples = Buffer::new(&device, all.samples.len()).unwrap();
+            let visibility = Buffer::new(&device, view.pixels()).unwrap();
+            let settings = Settings {
+                rays,
+                bounces: 0,
+                cached: false,
+                edge_rays: 0,
+                guided: true,
+                seed: 5,
+                jitter: false,
+                fewer_rays,
+                turn: Turn::ALL,
+            };
+            let (parts, records) = (std::slice::from_ref(&pattern.whole), (&samples, Some(&visibility)));
+            let work = tracer.enqueue_parts(view, &settings, &pattern, parts, records, past).unwrap();
+            let done = tracer.finish(work).unwrap();
+            (all.samples, samples.to_vec().unwrap(), visibility.to_vec().unwrap(), done.rays)
+        };
+        let first = traced(&before, 64, Some(32), Some(&mut past));
+        let whole = traced(&before, 64, None, None);
+        assert!(first.1 == whole.1 && first.3 == whole.3, "{traversal:?}: nothing was seen before the first frame");
+        let (_, _, old, _) = whole;
+        let (places, some, seen, rays) = traced(&now, 64, Some(32), Some(&mut past));
+        let (_, all, _, all_rays) = traced(&now, 64, None, None);
+        let (_, few, _, few_rays) = traced(&now, 32, None, None);
+        assert!(few_rays < rays && rays < all_rays, "{traversal:?}: {few_rays} {rays} {all_rays}");
+        let distance = |[x, y]: [u32; 2]| {
+            let record = old[(y * before.width + x) as usize];
+            let length = before.eye_direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).length();
+            (record.depth > 0.0).then(|| f64::from(record.depth) * length)
+        };
+        let (mut known, mut unknown, mut undecided) = (0, 0, 0);
+        for (index, (&at, record)) in places.iter().zip(&some).enumerate() {
+            let pixel = seen[((at >> 16) * now.width + (at & 0xffff)) as usize];
+            let sees = Sees {
+                at: [at & 0xffff, at >> 16],
+                depth: pixel.depth.into(),
+                normal: DVec3::from(layout::unpack_normal24(pixel.normal).map(f64::from)),
+                roughness: f64::from(layout::unpack_surface([pixel.base, pixel.surface]).2),
+            };
+            let reuses = record.toward[0] & layout::SAMPLE_REUSES != 0;
+            let clear = reference::known::known(&now, &before, &sees, distance);
+            let is_decided = clear.is_none_or(|clear| clear.abs() > 0.05);
+            undecided += usize::from(!is_decided || reuses != clear.is_some_and(|clear| clear >= 0.0));
+            *(if reuses { &mut known } else { &mut unknown }) += 1;
+            let mut alike = if reuses { few[index] } else { all[index] };
+            alike.toward[0] |= if reuses { layout::SAMPLE_REUSES } else { 0 };
+            assert_eq!(*record, alike, "{traversal:?}, sample {index}");
+        }
+        println!("{traversal:?}: {known} are known, {unknown} not, {undecided} differ from the reference or are close");
+        // A pixel whose point lies at its border is another one by rounding.
+        assert!(known > places.len() / 4 && unknown > places.len() / 20, "{traversal:?}: {known} {unknown}");
+        assert!(undecided * 50 < places.len(), "{traversal:?}: {undecided} of {}", places.len());
     }
 }
 
@@ -220,6 +314,7 @@ fn rays_are_counted_for_the_view_that_sends_them() {
         guided: false,
         seed: 5,
         jitter: false,
+        fewer_rays: None,
         turn: Turn::ALL,
     };
     let mut traced = |steps: &[u64]| {
