@@ -67,9 +67,13 @@ static bool reuses_light(const Camera *camera, const Camera *before, const Shadi
     return fabs(off) <= width && dot3(turned, turned) <= lobe * lobe;
 }
 
-// How a sample is shaded that does, or does not.
+// How a sample is shaded that does, or does not. As many of fewer rays look for surfaces as of all, since light from there is
+// seldom and bright.
 static Shading shading_of(Shading asked, bool reuses)
 {
-    asked.rays = reuses ? asked.fewer_rays : asked.rays;
+    if (reuses) {
+        asked.looking = clamp(asked.looking * asked.rays / asked.fewer_rays, 1u, 4u);
+        asked.rays = asked.fewer_rays;
+    }
     return asked;
 }

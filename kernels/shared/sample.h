@@ -59,17 +59,15 @@ typedef struct {
 // Seed of what is left to chance on a sample's rays: two samples may send rays in one direction.
 static uint chance_of(uint sample, uint seed) { return hash(sample ^ hash(seed + 11u)); }
 
-// Of the reflected rays this part looks for surfaces that the cache knows, and the others for the sky alone: what surfaces
+// Of the reflected rays so many quarters look for surfaces that the cache knows, and the others for the sky alone: what surfaces
 // send differs less from one direction to the next, and nearest hits cost more.
-#define LOOKING 0.25f
+static float looking_share(const Shading *shading) { return shading->cached ? 0.25f * (float)shading->looking : 1.0f; }
 
-static float looking_share(const Shading *shading) { return shading->cached ? LOOKING : 1.0f; }
-
-// Whether a ray is one of them: rows of four neighbours, whose points are stratified, one of four rows, and others for the
+// Whether a ray is one of them: rows of four neighbours, whose points are stratified, so many of four rows, and others for the
 // next sample.
 static bool is_looking(const Shading *shading, uint sample, uint ray, uint seed)
 {
-    return !shading->cached || ((ray / 4u + sample + hash(seed)) & 3u) == 0u;
+    return !shading->cached || ((ray / 4u + sample + hash(seed)) & 3u) < shading->looking;
 }
 
 // Weighs a light ray, whose light counts by 1 / (density * rays).

@@ -56,6 +56,7 @@ typedef struct {
     uint fewer_rays;
     uint bounces;
     uint cached;
+    uint looking;
     uint guided;
     uint hits_per_pixel;
     uint turns;

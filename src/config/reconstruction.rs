@@ -67,6 +67,14 @@ pub struct TimeConfig {
 
 impl Default for TimeConfig {
     fn default() -> Self {
-        TimeConfig { reuse: true, frames: 32, eyes: true, pictures: 16, rays: 0.5, rays_in_motion: 0.25, samples: 0.25 }
+        TimeConfig {
+            reuse: true,
+            frames: 32,
+            eyes: true,
+            pictures: 16,
+            rays: 0.5,
+            rays_in_motion: 0.25,
+            samples: 0.25,
+        }
     }
 }

@@ -101,8 +101,9 @@ impl Metered<'_> {
             Some(visibility) => {
                 let pixel = |at: &u32| (at >> 16) as usize * self.width as usize + (at & 0xffff) as usize;
                 let seen = visibility.at(self.samples.iter().step_by(step).map(pixel));
-                let shaded =
-                    |(sample, _): &(&SampleRecord, &VisibilityRecord)| sample.toward[0] & SAMPLE_REUSES == 0 || sample.depth > 0.0;
+                let shaded = |(sample, _): &(&SampleRecord, &VisibilityRecord)| {
+                    sample.toward[0] & SAMPLE_REUSES == 0 || sample.depth > 0.0
+                };
                 let shaded = records.iter().zip(&seen).filter(shaded);
                 shaded.map(|(sample, seen)| guided(sample, seen, sun)).collect()
             }

@@ -72,6 +72,8 @@ pub struct Shading {
     pub bounces: u32,
     /// 1: what surfaces send is looked up in the cache of light.
     pub cached: u32,
+    /// Of four reflected rays so many look for surfaces there, 1 to 4, and the others for the sky alone.
+    pub looking: u32,
     /// 1: [`super::SampleRecord`] for guided reconstruction, 0: for k-NN.
     pub guided: u32,
     /// 1: hits are stored per pixel, 0: per sample.

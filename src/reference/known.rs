@@ -23,7 +23,12 @@ pub struct Sees {
 /// How clearly a sample's surface was seen in the frame before: at least 0 where it is known, in widths of its pixel that its
 /// plane is farther off than one, or parts of what the reflected direction may turn, below. `distance` is how far from its eye a
 /// pixel of that frame saw a surface, in metres; `None` where the sample sees none, or that frame saw none there.
-pub fn known(view: &View, before: &View, sample: &Sees, distance: impl Fn([u32; 2]) -> Option<f64>) -> Option<f64> {
+pub fn known(
+    view: &View,
+    before: &View,
+    sample: &Sees,
+    distance: impl Fn([u32; 2]) -> Option<f64>,
+) -> Option<f64> {
     if sample.depth <= 0.0 {
         return None;
     }
@@ -33,13 +38,15 @@ pub fn known(view: &View, before: &View, sample: &Sees, distance: impl Fn([u32; 
     let direction = eye.rotation * view.eye_direction(centre);
     let point = eye.position + direction * sample.depth;
     let pixel = before.project(old.rotation.inverse() * (point - old.position))?;
-    let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < before.width.into() && pixel.y < before.height.into();
+    let inside =
+        pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < before.width.into() && pixel.y < before.height.into();
     let seen = inside.then(|| [pixel.x as u32, pixel.y as u32])?;
-    let was = old.position + (old.rotation * before.eye_direction(middle(seen))).normalize() * distance(seen)?;
+    let was =
+        old.position + (old.rotation * before.eye_direction(middle(seen))).normalize() * distance(seen)?;
     let picture = view.picture();
     let across = (picture.fov.right - picture.fov.left) / f64::from(picture.width);
-    let [columns, rows] = [(view.spacing.columns, centre.x), (view.spacing.rows, centre.y)]
-        .map(|(axis, at)| axis.width(at));
+    let [columns, rows] =
+        [(view.spacing.columns, centre.x), (view.spacing.rows, centre.y)].map(|(axis, at)| axis.width(at));
     let off = sample.normal.dot(was - point).abs() / (across * (columns * rows).sqrt() * sample.depth);
     let turned = 2.0 * ((point - old.position).normalize() - direction.normalize()).length();
     let lobe = SAME_LOBE * (sample.roughness.powi(2) + 0.01);

@@ -348,9 +348,12 @@ impl Tracer {
     fn shading(&self, settings: &Settings) -> layout::Shading {
         layout::Shading {
             rays: settings.rays,
-            fewer_rays: settings.fewer_rays.map_or(settings.rays, |fewer| fewer.clamp(1, settings.rays.max(1))),
+            fewer_rays: settings
+                .fewer_rays
+                .map_or(settings.rays, |fewer| fewer.clamp(1, settings.rays.max(1))),
             bounces: settings.bounces,
             cached: u32::from(settings.cached),
+            looking: 1,
             guided: u32::from(settings.guided),
             hits_per_pixel: u32::from(settings.guided),
             turns: settings.turn.of,

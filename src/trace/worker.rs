@@ -234,8 +234,7 @@ impl DeviceWorker {
         }
         let past = job.settings.fewer_rays.map(|_| &mut own.past);
         let records = (samples, visibility);
-        let work =
-            tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, records, past)?;
+        let work = tracer.enqueue_parts(&job.view, &job.settings, &own.uploaded, &parts, records, past)?;
         let mut begun =
             Begun { part: part.clone(), slices: parts, work, light: steps, samples: None, visibility: None };
         if in_place.is_none() {
@@ -268,9 +267,7 @@ impl DeviceWorker {
             let pattern = job.pattern.clone();
             *slot = Some(match slot.take() {
                 Some(own) => OwnView { pattern, uploaded, ..own },
-                None => {
-                    OwnView { pattern, uploaded, samples: None, visibility: None, past: None }
-                }
+                None => OwnView { pattern, uploaded, samples: None, visibility: None, past: None },
             });
         }
         if job.settings.fewer_rays.is_none()

@@ -182,6 +182,24 @@ impl Bench {
             dropped: done.dropped,
         }
     }
+
+    /// The samples of a pattern in the second of two frames of one view: what they see is known from the first one, where
+    /// [`Settings::fewer_rays`] asks for that.
+    pub fn trace_again(&mut self, view: &View, settings: &Settings, pattern: &Pattern) -> Vec<SampleRecord> {
+        let samples = Buffer::new(&self.device, pattern.samples.len()).unwrap();
+        let visibility = Buffer::new(&self.device, view.pixels()).unwrap();
+        let uploaded = self.tracer.pattern(pattern).unwrap();
+        let (whole, mut past) = (std::slice::from_ref(uploaded.whole()), None);
+        for _ in 0..2 {
+            let records = (&samples, Some(&visibility));
+            let work = self
+                .tracer
+                .enqueue_parts(view, settings, &uploaded, whole, records, Some(&mut past))
+                .unwrap();
+            assert_eq!(self.tracer.finish(work).unwrap().dropped, 0);
+        }
+        samples.to_vec().unwrap()
+    }
 }
 
 /// Every pixel, row after row.

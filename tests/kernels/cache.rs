@@ -1,6 +1,7 @@
 //! The cache of light: as much light as paths find, none through walls, and the same whoever fills it.
 
 use foveate::foveation::Pattern;
+use foveate::layout::SAMPLE_REUSES;
 use foveate::math::view::View;
 use foveate::scene::{AlphaMode, Environment, Light, LightKind, Material, Scene, Sun};
 use foveate::trace::{Settings, Traversal};
@@ -38,6 +39,16 @@ fn rooms() -> Scene {
     scene
 }
 
+/// The rooms under a wide gap in the ceiling.
+fn roofless() -> Scene {
+    let mut scene = rooms();
+    let is_roof = |t: &[u32; 3]| t.iter().all(|&v| scene.mesh.positions[v as usize].y > 2.9);
+    let roof = scene.mesh.triangles.iter().position(is_roof).unwrap();
+    scene.mesh.triangles.remove(roof);
+    scene.mesh.materials.remove(roof);
+    scene
+}
+
 fn inside(x: f64) -> View {
     view(DVec3::new(x + 1.6, 1.4, 1.6), DVec3::new(x - 1.0, 0.8, -1.2), 80.0, SIZE)
 }
@@ -50,6 +61,19 @@ fn mean(bench: &mut Bench, view: &View, settings: &Settings, seeds: u32) -> f64 
         assert_eq!(picture.dropped, 0);
         let all: f64 = picture.samples.iter().flat_map(|s| s.first).map(f64::from).sum();
         all / (3 * picture.samples.len()) as f64
+    });
+    sums.sum::<f64>() / f64::from(seeds)
+}
+
+/// The same of samples that are sent fewer rays, since the frame before has seen what they see.
+fn mean_of_known(bench: &mut Bench, view: &View, settings: &Settings, seeds: u32) -> f64 {
+    let pattern = all_pixels(view);
+    let sums = (0..seeds).map(|seed| {
+        let samples = bench.trace_again(view, &Settings { seed, ..*settings }, &pattern);
+        let known: Vec<_> = samples.iter().filter(|s| s.toward[0] & SAMPLE_REUSES != 0).collect();
+        assert_eq!(known.len(), samples.iter().filter(|s| s.depth > 0.0).count());
+        let all: f64 = known.iter().flat_map(|s| s.first).map(f64::from).sum();
+        all / (3 * samples.len()) as f64
     });
     sums.sum::<f64>() / f64::from(seeds)
 }
@@ -74,6 +98,29 @@ fn it_is_as_bright_as_paths_are() {
             assert!(paths > 1.2 * direct);
             // It leaves no bounce out: the fifth and later ones are up to a thirtieth here.
             assert!((0.97..1.06).contains(&(cached / paths)), "{cached} for {paths}");
+        }
+    });
+}
+
+/// Whether fewer rays look for surfaces or for the sky: the mean of what they find is that of all.
+#[test]
+fn samples_that_are_sent_fewer_rays_find_as_much_light() {
+    on_every_device(|device| {
+        for traversal in Traversal::ALL {
+            for (name, scene, sky, view) in [
+                ("room", rooms(), dark(), inside(-2.0)),
+                ("roofless room", roofless(), Environment::constant(Vec3::ONE), inside(-2.0)),
+            ] {
+                let mut bench = Bench::walking(device, &scene, &sky, &EVERYTHING, traversal);
+                lit(&mut bench, &view, 0..30);
+                let all = mean(&mut bench, &view, &CACHED, 8);
+                for fewer in [8, 16, 32] {
+                    let settings = Settings { fewer_rays: Some(fewer), ..CACHED };
+                    let known = mean_of_known(&mut bench, &view, &settings, 8);
+                    println!("{}, {name}: {fewer} rays {known:.4}, 64 rays {all:.4}", traversal.name());
+                    assert!((known / all - 1.0).abs() < 0.01, "{name}: {known} of {fewer} rays for {all}");
+                }
+            }
         }
     });
 }

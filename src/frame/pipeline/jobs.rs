@@ -25,14 +25,7 @@ impl Renderer {
         Job {
             index,
             view: *view,
-            settings: trace::Settings {
-                seed,
-                cached,
-                turn,
-                rays,
-                fewer_rays,
-                ..self.settings
-            },
+            settings: trace::Settings { seed, cached, turn, rays, fewer_rays, ..self.settings },
             light: self.light,
             state: self.state.clone(),
             sky: self.sky.clone(),

@@ -37,6 +37,11 @@ pub(super) struct Ring {
 }
 
 impl TracePattern {
+    /// All of it.
+    pub fn whole(&self) -> &Part {
+        &self.whole
+    }
+
     /// What lies around parts that follow each other.
     pub(super) fn ring(&self, parts: &[Part]) -> Ring {
         let (Some(first), Some(last)) = (parts.first(), parts.last()) else { return Ring::default() };

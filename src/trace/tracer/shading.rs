@@ -334,11 +334,12 @@ impl Wavefront {
     }
 }
 
-/// Of 32 rays of a sample from number `first_ray` on, those that may meet a surface whose light is not known: with the cache the
-/// quarter that `is_looking` in `kernels/shared/sample.h` has look for surfaces.
+/// Of 32 rays of a sample from number `first_ray` on, those that may meet a surface whose light is not known: with the cache those
+/// that `is_looking` in `kernels/shared/sample.h` has look for surfaces, a quarter, or of fewer rays as many at most.
 fn rays_that_meet(shading: &layout::Shading, first_ray: u32) -> u32 {
     let rays = (shading.rays - rays_to_sun(shading) - first_ray).min(BATCH as u32);
-    if shading.cached > 0 { rays.min(BATCH as u32 / 4) } else { rays }
+    let fewer = shading.fewer_rays.min(shading.rays.div_ceil(4));
+    if shading.cached > 0 { rays.min((BATCH as u32 / 4).max(fewer)) } else { rays }
 }
 
 /// A work-item for each of the lanes that look at what so many samples' rays have met.

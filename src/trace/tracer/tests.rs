@@ -6,10 +6,10 @@ use super::*;
 use crate::bvh::WideBvh;
 use crate::config::EnvironmentConfig;
 use crate::foveation::Law;
+use crate::foveation::spaced;
 use crate::frame::load::environment;
 use crate::gpu::opencl::device;
 use crate::layout::SampleRecord;
-use crate::foveation::spaced;
 use crate::math::view::FieldOfView;
 use crate::reference::{self, known::Sees};
 use crate::scene::generate::demo;
@@ -121,7 +121,8 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     assert!(samples.to_vec().unwrap().iter().all(|sample| sample.depth == 0.0));
     // A part leaves the rest as it was.
     let part = Part { samples: 0..0, tiles: 0..1, first_traced: 0 };
-    let work = tracer.enqueue_parts(&view, &settings, &pattern, &[part], (&samples, Some(&records)), None).unwrap();
+    let work =
+        tracer.enqueue_parts(&view, &settings, &pattern, &[part], (&samples, Some(&records)), None).unwrap();
     tracer.finish(work).unwrap();
     let hits = tracer.hits(view.pixels()).unwrap();
     let marked = hits.iter().filter(|hit| hit.triangle == UNTRACED).count();
@@ -225,34 +226,39 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
         eye.rotation *= glam::DQuat::from_rotation_y(turn);
         view
     };
-    let (before, now) = (seen_from(DVec2::new(0.4, 0.5), 0.0, 0.0), seen_from(DVec2::new(0.55, 0.5), 0.12, 0.02));
+    let (before, now) =
+        (seen_from(DVec2::new(0.4, 0.5), 0.0, 0.0), seen_from(DVec2::new(0.55, 0.5), 0.12, 0.02));
     for traversal in [Traversal::Packet, Traversal::SingleRay] {
         let mut tracer = Tracer::with_features(&device, &scene, &bvh, &light, &features, traversal).unwrap();
         let mut past = None;
-        let mut traced = |view: &View, rays: u32, fewer_rays: Option<u32>, past: Option<&mut Option<Past>>| {
-            let all = Pattern::new(view, &Law::default(), DVec2::splat(0.5), view.pixels() / 2);
-            let pattern = tracer.pattern(&all).unwrap();
-            let samples = Buffer::new(&device, all.samples.len()).unwrap();
-            let visibility = Buffer::new(&device, view.pixels()).unwrap();
-            let settings = Settings {
-                rays,
-                bounces: 0,
-                cached: false,
-                edge_rays: 0,
-                guided: true,
-                seed: 5,
-                jitter: false,
-                fewer_rays,
-                turn: Turn::ALL,
+        let mut traced =
+            |view: &View, rays: u32, fewer_rays: Option<u32>, past: Option<&mut Option<Past>>| {
+                let all = Pattern::new(view, &Law::default(), DVec2::splat(0.5), view.pixels() / 2);
+                let pattern = tracer.pattern(&all).unwrap();
+                let samples = Buffer::new(&device, all.samples.len()).unwrap();
+                let visibility = Buffer::new(&device, view.pixels()).unwrap();
+                let settings = Settings {
+                    rays,
+                    bounces: 0,
+                    cached: false,
+                    edge_rays: 0,
+                    guided: true,
+                    seed: 5,
+                    jitter: false,
+                    fewer_rays,
+                    turn: Turn::ALL,
+                };
+                let (parts, records) = (std::slice::from_ref(&pattern.whole), (&samples, Some(&visibility)));
+                let work = tracer.enqueue_parts(view, &settings, &pattern, parts, records, past).unwrap();
+                let done = tracer.finish(work).unwrap();
+                (all.samples, samples.to_vec().unwrap(), visibility.to_vec().unwrap(), done.rays)
             };
-            let (parts, records) = (std::slice::from_ref(&pattern.whole), (&samples, Some(&visibility)));
-            let work = tracer.enqueue_parts(view, &settings, &pattern, parts, records, past).unwrap();
-            let done = tracer.finish(work).unwrap();
-            (all.samples, samples.to_vec().unwrap(), visibility.to_vec().unwrap(), done.rays)
-        };
         let first = traced(&before, 64, Some(32), Some(&mut past));
         let whole = traced(&before, 64, None, None);
-        assert!(first.1 == whole.1 && first.3 == whole.3, "{traversal:?}: nothing was seen before the first frame");
+        assert!(
+            first.1 == whole.1 && first.3 == whole.3,
+            "{traversal:?}: nothing was seen before the first frame"
+        );
         let (_, _, old, _) = whole;
         let (places, some, seen, rays) = traced(&now, 64, Some(32), Some(&mut past));
         let (_, all, _, all_rays) = traced(&now, 64, None, None);
@@ -281,7 +287,9 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
             alike.toward[0] |= if reuses { layout::SAMPLE_REUSES } else { 0 };
             assert_eq!(*record, alike, "{traversal:?}, sample {index}");
         }
-        println!("{traversal:?}: {known} are known, {unknown} not, {undecided} differ from the reference or are close");
+        println!(
+            "{traversal:?}: {known} are known, {unknown} not, {undecided} differ from the reference or are close"
+        );
         // A pixel whose point lies at its border is another one by rounding.
         assert!(known > places.len() / 4 && unknown > places.len() / 20, "{traversal:?}: {known} {unknown}");
         assert!(undecided * 50 < places.len(), "{traversal:?}: {undecided} of {}", places.len());
