@@ -23,6 +23,7 @@ const SETTINGS: Settings = Settings {
     neighbours: 24,
     longest: 32.0,
     light_changes: false,
+    estimates: 1.0,
 };
 const SIZE: [u32; 2] = [640, 400];
 const EYES_APART: f64 = 0.064;

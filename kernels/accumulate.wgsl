@@ -101,7 +101,8 @@ const FAST_VARIANCE = 0.142857;
 // Light has changed where both means differ by more than this many standard deviations, or by this part of them.
 const DEVIATIONS = 3.0;
 const UNNOTICED = 0.03;
-// Estimates that the means need before they tell that light has changed, which ends them.
+// Estimates that the means need before they tell that light has changed, which ends them; as many frames where a sample may count
+// as several, but half of the longest mean at most.
 const TELLING = 6.0;
 // Surfaces must agree at least so much somewhere for their history to count.
 const LEAST_AGREEMENT = 0.3;
@@ -396,7 +397,8 @@ fn followed(last: History, around: vec2<f32>, longest: f32) -> History {
     let spread = max(around.y, PAST_SHARE * last.variance) * (1.0 + rate);
     let is_sudden = off * off > SUDDEN * SUDDEN * spread + forgiven * forgiven;
     let tells_more = parameters.light_changes != 0u && around.y >= 0.0;
-    if (last.diffuse_age >= TELLING && differ * differ > limit) || (tells_more && is_sudden) {
+    let telling = max(TELLING, min(TELLING * parameters.estimates, 0.5 * longest));
+    if (last.diffuse_age >= telling && differ * differ > limit) || (tells_more && is_sudden) {
         history.diffuse_age = 0.0;
         history.specular_age = 0.0;
         history.fast = value;
@@ -433,7 +435,6 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     if !is_usable(first, second) && !waits {
         return;
     }
-    let own = select(select(parameters.estimates, 1.0, reuses), 0.0, waits);
     let packed = positions[id.x];
     let at = vec2(packed & 0xffffu, packed >> 16u);
     let depth = abs(bitcast<f32>(first.w));
@@ -441,6 +442,9 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let width = parameters.pixel_width * depth * pixel_scale(parameters.spacing, vec2<f32>(at));
     let here = Point(vec2<f32>(at), point_at(parameters.rays, parameters.spacing, f32(at.x), f32(at.y), depth), normal, width);
     let seen = visibility[at.y * parameters.width + at.x];
+    // On what moves all samples are sent all rays.
+    let is_one = reuses || (seen.mapped & SURFACE_MOVES) != 0u;
+    let own = select(select(parameters.estimates, 1.0, is_one), 0.0, waits);
     let roughness = roughness_of(seen);
     let before = point_before(here, seen.mapped, roughness);
     let longest = before.longest;

@@ -18,6 +18,7 @@ use foveate::metrics::Picture;
 use foveate::metrics::metric::{Viewing, compare};
 use foveate::reconstruct;
 use foveate::scene::generate::voxel_town;
+use foveate::scene::hands::HandPlaces;
 use glam::{DQuat, DVec2, DVec3};
 
 const WIDTH: u32 = 160;
@@ -566,17 +567,25 @@ fn views_that_turn_live_on_light_of_earlier_frames() {
 #[test]
 fn samples_take_turns_at_rest_alone() {
     let Some(machine) = machine() else { return };
-    let loaded = town(1.0);
+    // After sunset, where exposure goes by the light that samples find.
+    let mut dusk = Config::default();
+    dusk.environment.sun_elevation = -2.0;
+    let glb = voxel_town::generate(20_000, 1).unwrap();
+    let loaded = Loaded::from_glb("town", &glb, &dusk).unwrap();
     let mut config = config(Method::Guided, Samples::Count(3000), 32);
     config.view.exposure = ExposureConfig::Auto;
     let (frames, turned, looked) = (56, 40, 44);
-    let mut shown = |loaded: &Loaded, samples: f64, frames: u32| {
+    let mut shown = |loaded: &Loaded, samples: f64, frames: u32, hand_from: u32| {
         config.time = TimeConfig { pictures: 1, frames: 8, samples, ..TimeConfig::default() };
         let (device, context) = &machine;
         let mut renderer = Renderer::new(device, context, loaded, &config, Output::Display).unwrap().0;
         renderer.meter().set_pace(0.02);
         let mut eye = view(loaded);
         let reports = (0..frames).map(|frame| {
+            if frame >= hand_from {
+                let grips = [None, Some(view(loaded).world_from_eye)];
+                renderer.show_hands(&HandPlaces { grips, ..HandPlaces::default() });
+            }
             let by = if frame == turned { 0.02 } else { 0.0 };
             eye.world_from_eye.rotation *= DQuat::from_rotation_y(by);
             let gaze = DVec2::new(if frame < looked { 0.5 } else { 0.3 }, 0.5);
@@ -586,7 +595,7 @@ fn samples_take_turns_at_rest_alone() {
         });
         reports.collect::<Vec<_>>()
     };
-    let (all, some) = (shown(&loaded, 1.0, frames), shown(&loaded, 0.25, frames));
+    let (all, some) = (shown(&loaded, 1.0, frames, frames), shown(&loaded, 0.25, frames, frames));
     let saves = |frame: &u32| some[*frame as usize].0.rays < all[*frame as usize].0.rays;
     let saving: Vec<u32> = (0..frames).filter(saves).collect();
     // The cache has had its early steps after 32 frames, and four frames have to rest before others may.
@@ -602,11 +611,15 @@ fn samples_take_turns_at_rest_alone() {
         let psnr = 10.0 * (65025.0 * full.len() as f64 / squares.max(1.0)).log10();
         assert!(psnr > 36.0, "frame {frame}: {psnr:.1} dB");
     }
-    // Under a sun that moves none waits.
+    // Under a sun that moves none waits, nor in the frame in which a hand is there.
     let mut moving = Config::default();
     moving.environment.day_length = 600.0;
-    let loaded = Loaded::moving_from_glb("town", &voxel_town::generate(20_000, 1).unwrap(), &moving).unwrap();
-    let mut rays =
-        |samples: f64| shown(&loaded, samples, 36).iter().map(|(report, _)| report.rays).collect::<Vec<_>>();
-    assert_eq!(rays(1.0), rays(0.25));
+    let under_sun = Loaded::moving_from_glb("town", &glb, &moving).unwrap();
+    let worn = Loaded::worn_from_glb("town", &glb, &Config::default()).unwrap();
+    let mut rays = |loaded: &Loaded, samples: f64| {
+        shown(loaded, samples, 37, 35).iter().map(|(report, _)| report.rays).collect::<Vec<_>>()
+    };
+    assert_eq!(rays(&under_sun, 1.0), rays(&under_sun, 0.25));
+    let (all, some) = (rays(&worn, 1.0), rays(&worn, 0.25));
+    assert!(some[34] < all[34] && some[35..] == all[35..], "{some:?} {all:?}");
 }

@@ -286,7 +286,8 @@ __kernel void shade_light_hits(SCENE_PARAMETERS, Camera camera, Shading asked, u
         {
 #if HAS_EMITTERS
             Sample seen = *sample;
-            light = own_light_of(&scene, &asked, &seen, d, triangle, t);
+            Shading shading = shading_of(asked, seen.reuses);
+            light = own_light_of(&scene, &shading, &seen, d, triangle, t);
 #endif
             more = as_float(*word_of(light_rays, count, PLANE_INDIRECT, at));
             known = !sends_light_on(&asked) || light_known(&scene, &asked, &cache, sample->origin, d, triangle, t, is_smooth, &found);

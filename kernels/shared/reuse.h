@@ -43,12 +43,12 @@ static uint pixel_showing(const Camera *camera, float3 point)
 }
 
 // Whether a sample is sent fewer rays: `past`, the hits of the frame before, which `before` saw, has its surface where that
-// frame's view showed the point, and specular light there was much the same from that eye. Whether light was found for just that
-// point is what reconstruction tells.
+// frame's view showed the point, and specular light there was much the same from that eye. It most likely has found light nearby;
+// whether it has is what reconstruction tells. What moves by itself keeps few estimates, and is sent all.
 static bool reuses_light(const Camera *camera, const Camera *before, const Shading *shading, uint at, __global const VisibilityRecord *seen,
                          __global const HitRecord *past)
 {
-    if (!past || shading->fewer_rays >= shading->rays || !(seen->depth > 0.0f))
+    if (!past || shading->fewer_rays >= shading->rays || !(seen->depth > 0.0f) || (seen->mapped & SURFACE_MOVES))
         return false;
     float3 n = unpack_normal24(seen->normal), d = camera_ray(camera, at & 0xffffu, at >> 16);
     float3 from_eye = d * (seen->depth / view_depth(camera, d, 1.0f));
@@ -67,13 +67,13 @@ static bool reuses_light(const Camera *camera, const Camera *before, const Shadi
     return fabs(off) <= width && dot3(turned, turned) <= lobe * lobe;
 }
 
-// How a sample is shaded that does, or does not. As many of fewer rays look for surfaces as of all, since light from there is
-// seldom and bright.
+// How a sample is shaded that does, or does not.
 static Shading shading_of(Shading asked, bool reuses)
 {
     if (reuses) {
-        asked.looking = clamp(asked.looking * asked.rays / asked.fewer_rays, 1u, 4u);
         asked.rays = asked.fewer_rays;
+        asked.looking = asked.fewer_looking;
+        asked.sun_share = asked.fewer_sun_share;
     }
     return asked;
 }

@@ -57,6 +57,7 @@ typedef struct {
     uint bounces;
     uint cached;
     uint looking;
+    uint fewer_looking;
     uint guided;
     uint hits_per_pixel;
     uint turns;
@@ -67,6 +68,7 @@ typedef struct {
     uint directions_width;
     uint directions_height;
     float sun_share;
+    float fewer_sun_share;
     float environment_share;
     float environment_irradiance;
     uint light_nodes;

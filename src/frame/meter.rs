@@ -101,15 +101,17 @@ impl Metered<'_> {
             Some(visibility) => {
                 let pixel = |at: &u32| (at >> 16) as usize * self.width as usize + (at & 0xffff) as usize;
                 let seen = visibility.at(self.samples.iter().step_by(step).map(pixel));
-                let shaded = |(sample, _): &(&SampleRecord, &VisibilityRecord)| {
-                    sample.toward[0] & SAMPLE_REUSES == 0 || sample.depth > 0.0
-                };
-                let shaded = records.iter().zip(&seen).filter(shaded);
+                let shaded = records.iter().zip(&seen).filter(|(sample, _)| is_shaded(sample));
                 shaded.map(|(sample, seen)| guided(sample, seen, sun)).collect()
             }
         };
         radiances.into_iter().map(|radiance| luminance(radiance) as f32).collect()
     }
+}
+
+/// Whether it is one that this frame has found light for, and not one that waits for its turn ([`SAMPLE_REUSES`]).
+fn is_shaded(sample: &SampleRecord) -> bool {
+    sample.toward[0] & SAMPLE_REUSES == 0 || sample.depth > 0.0
 }
 
 /// The radiance of a guided sample at its own pixel, with what it reflects of the sun diffusely: highlights would
@@ -136,6 +138,15 @@ fn guided(sample: &SampleRecord, seen: &VisibilityRecord, sun: Option<Sun>) -> V
 mod tests {
     use super::*;
     use crate::layout::{pack_emission, pack_normal24, pack_surface};
+
+    #[test]
+    fn samples_that_wait_for_their_turn_are_not_metered() {
+        let of =
+            |mark: u32, depth: f32| SampleRecord { toward: [mark, 0, 0], depth, ..SampleRecord::default() };
+        assert!(is_shaded(&of(0, 2.0)) && is_shaded(&of(0, 0.0)), "what sees the background has its light");
+        assert!(is_shaded(&of(SAMPLE_REUSES, 2.0)), "what is sent fewer rays has light");
+        assert!(!is_shaded(&of(SAMPLE_REUSES, -2.0)));
+    }
 
     #[test]
     fn guided_samples_are_metered_with_their_sun() {

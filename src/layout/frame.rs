@@ -74,6 +74,8 @@ pub struct Shading {
     pub cached: u32,
     /// Of four reflected rays so many look for surfaces there, 1 to 4, and the others for the sky alone.
     pub looking: u32,
+    /// The same of samples that are sent fewer rays.
+    pub fewer_looking: u32,
     /// 1: [`super::SampleRecord`] for guided reconstruction, 0: for k-NN.
     pub guided: u32,
     /// 1: hits are stored per pixel, 0: per sample.
@@ -93,10 +95,11 @@ pub struct Shading {
     pub directions_width: u32,
     /// Cells of the table of directions down.
     pub directions_height: u32,
-    /// Shares of the light rays that aim at the sun and at the environment map; the rest follow the
-    /// surface's reflection.
+    /// Share of the light rays that aim at the sun.
     pub sun_share: f32,
-    /// See `sun_share`.
+    /// The same of samples that are sent fewer rays.
+    pub fewer_sun_share: f32,
+    /// Share of the light rays that aim at the environment map; the rest follow the surface's reflection.
     pub environment_share: f32,
     /// What an open sky without its sun brings to a surface, as luminance.
     pub environment_irradiance: f32,

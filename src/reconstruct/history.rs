@@ -12,8 +12,9 @@
 //! begin anew. What moves as a whole is looked up where it was (`src/reconstruct/motions.rs`), and keeps less where it turns or
 //! light glides over it. A frame that finds one before it, seen from nearly the same place, sends `time.rays` of the
 //! light rays, by default half: at rest history makes up for more than that within a few frames. In motion samples whose
-//! surfaces the frame before has seen are sent `time.rays_in_motion` of them, and others all, which count as several estimates. Where view, things and light have rested for longer, samples take turns:
-//! `time.samples` of them are shaded, in groups that follow each other in the list, and those of the others that see the surface
+//! surfaces the frame before has seen are sent `time.rays_in_motion` of them, and others all, which count as several
+//! estimates. Where view, things and light have rested for longer, samples take turns: `time.samples` of them are shaded, in
+//! groups that follow each other in the list, and those of the others that see the surface
 //! that they saw keep their means and ages ([`crate::layout::SAMPLE_REUSES`]). A surface that comes into view has no history there; it
 //! is filtered as a first frame is. `Renderer::forget` drops everything: after a cut, and between pictures
 //! that stand for themselves. The twin in `f64` is `src/reference/accumulate.rs`.

@@ -248,7 +248,10 @@ impl Reconstruction {
                 commands.end_stage("accumulate");
                 records
             }
-            _ => samples,
+            _ => {
+                state.history.forget();
+                samples
+            }
         };
         let of_view = (rays, PackedSpacing::of(frame.view), pixel_width, frame.least_expected);
         self.prepare.record(commands, tables, &self.settings, &samples, &dropped, of_view)?;

@@ -141,6 +141,8 @@ pub struct Settings {
     pub longest: f64,
     /// Whether things or lights move, so that light may be other than it was.
     pub light_changes: bool,
+    /// Estimates that a sample counts as that is sent all rays where others are sent fewer.
+    pub estimates: f64,
 }
 
 /// The samples with the light that was found before, and their histories.
@@ -163,7 +165,8 @@ fn one(
     settings: &Settings,
 ) -> (Sample, History) {
     let sample = fresh[index];
-    let (own, waits) = (sample.estimates, sample.waits());
+    let waits = sample.waits();
+    let own = if sample.motion == Motion::Still { sample.estimates } else { sample.estimates.min(1.0) };
     let sees_a_surface = waits && sample.depth > 0.0;
     if !usable(&sample) && !sees_a_surface {
         return (sample, History::default());
@@ -186,7 +189,9 @@ fn one(
     }) {
         history = match waits {
             true => old,
-            false => followed(&old, value, error.filter(|_| settings.light_changes), longest),
+            false => {
+                followed(&old, value, error.filter(|_| settings.light_changes), (longest, settings.estimates))
+            }
         };
         let kept = match sample.motion == Motion::Still || waits {
             true => 1.0,
@@ -289,7 +294,7 @@ fn brightness_around(view: &View, fresh: &[Sample], index: usize, settings: &Set
 }
 
 /// The means with one more value; where they tell that light has changed, all estimates begin anew.
-fn followed(last: &History, value: f64, error: Option<f64>, longest: f64) -> History {
+fn followed(last: &History, value: f64, error: Option<f64>, (longest, estimates): (f64, f64)) -> History {
     let rate = 1.0 / (last.ages[0].min(longest) + 1.0);
     let mix = |from: f64, to: f64, rate: f64| from + (to - from) * rate;
     let mut history = History {
@@ -304,7 +309,8 @@ fn followed(last: &History, value: f64, error: Option<f64>, longest: f64) -> His
     let spread = |error: f64| error.max(PAST_SHARE * last.variance) * (1.0 + rate);
     let sudden = |error: f64| SUDDEN.powi(2) * spread(error) + (UNNOTICED * last.slow).powi(2);
     let is_sudden = error.is_some_and(|error| (value - last.slow).powi(2) > sudden(error));
-    if (last.ages[0] >= TELLING && (history.fast - history.slow).powi(2) > limit) || is_sudden {
+    let telling = TELLING.max((TELLING * estimates).min(0.5 * longest));
+    if (last.ages[0] >= telling && (history.fast - history.slow).powi(2) > limit) || is_sudden {
         History { ages: [0.0; 2], fast: value, slow: value, ..history }
     } else {
         history.variance = mix(last.variance, (value - last.slow).powi(2), rate);

@@ -110,6 +110,14 @@ impl LightCache {
         self.info.half_life = self.half_life.min(half_life);
     }
 
+    /// Has its memory, where nothing is known until there are steps.
+    pub fn reserve(&mut self, device: &Device) -> Result<()> {
+        if self.memory.is_none() {
+            self.memory = Some(Memory::new(device)?);
+        }
+        Ok(())
+    }
+
     /// What a kernel is given that looks the cache up: it as a whole, keys and cells.
     pub fn looked_up(&self) -> LookedUp<'_> {
         let memory = self.memory.as_ref();
@@ -129,15 +137,12 @@ impl LightCache {
         step: u64,
         counters: Counters,
     ) -> Result<Vec<Event>> {
-        let memory = match self.memory.take() {
-            Some(memory) => memory,
-            None => Memory::new(device)?,
-        };
-        let memory = self.memory.insert(memory);
+        self.reserve(device)?;
         self.info.frame = step as u32;
         self.info.paths = if step < NEW { PATHS } else { LATER_PATHS };
         let (info, group) = (&self.info, self.traversal.group());
-        let Memory { keys, cells, sums, touched } = &*memory;
+        let Some(memory) = &self.memory else { unreachable!("it has been reserved") };
+        let Memory { keys, cells, sums, touched } = memory;
         let Counters { words, begins } = counters;
         let settlers = Grid { items: SETTLERS, group };
         let mut events = vec![self.forget_cells.launch(settlers, info, keys, cells, begins.into(), words)?];

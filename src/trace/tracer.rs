@@ -345,12 +345,18 @@ impl Tracer {
         Ok(())
     }
 
+    /// How samples are shaded. Of fewer rays about as many look for surfaces as of all, in quarters, since light from there is
+    /// seldom and bright; and at least one looks at the sun's disc where some of all do.
     fn shading(&self, settings: &Settings) -> layout::Shading {
+        let rays = settings.rays.max(1);
+        let fewer_rays = settings.fewer_rays.map_or(rays, |fewer| fewer.clamp(rays.min(2), rays));
+        let sun_share = self.scene.shading.sun_share;
+        let one = if rays as f32 * sun_share >= 1.0 { 1.01 / fewer_rays as f32 } else { 0.0 };
         layout::Shading {
             rays: settings.rays,
-            fewer_rays: settings
-                .fewer_rays
-                .map_or(settings.rays, |fewer| fewer.clamp(1, settings.rays.max(1))),
+            fewer_rays,
+            fewer_looking: (rays / fewer_rays).min(4),
+            fewer_sun_share: sun_share.max(one),
             bounces: settings.bounces,
             cached: u32::from(settings.cached),
             looking: 1,

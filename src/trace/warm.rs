@@ -125,7 +125,16 @@ impl Idle {
         self.share_edges.launch(grid, scene, camera, 1, words, 0, 0, hits, visibility, counters)?;
         let light = (info, None, None);
         // All that a frame may launch.
-        let shading = &Shading { rays: 32, guided: 1, sun_share: 0.25, lights: 1, ..*shading };
+        let shading = &Shading {
+            rays: 32,
+            fewer_rays: 32,
+            looking: 1,
+            fewer_looking: 1,
+            guided: 1,
+            sun_share: 0.25,
+            lights: 1,
+            ..*shading
+        };
         let work = Work {
             scene,
             camera,

@@ -53,6 +53,29 @@ fn inside(x: f64) -> View {
     view(DVec3::new(x + 1.6, 1.4, 1.6), DVec3::new(x - 1.0, 0.8, -1.2), 80.0, SIZE)
 }
 
+/// The rooms without a lamp, whose outer walls shine.
+fn shining() -> Scene {
+    let mut scene = rooms();
+    scene.lights.clear();
+    scene.materials[0].emissive = Vec3::ONE;
+    scene
+}
+
+/// Two walls so close to each other that rays from one meet the other within the cells that are seen from afar.
+fn gap() -> Scene {
+    let both = |albedo| Material { double_sided: true, alpha: AlphaMode::Opaque, ..matt(albedo) };
+    let mut scene = scene_of(vec![both(0.8)]);
+    let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    for x in [-0.002, 0.002] {
+        quad(&mut scene, [at(x, 0.085, -4.0), at(x, 0.115, -4.0), at(x, 0.115, 4.0), at(x, 0.085, 4.0)], 0);
+    }
+    scene
+}
+
+fn along() -> View {
+    view(DVec3::new(0.0, 0.1, 4.0), DVec3::new(0.0, 0.1, -4.0), 0.5, SIZE)
+}
+
 /// Mean of the samples' diffuse light.
 fn mean(bench: &mut Bench, view: &View, settings: &Settings, seeds: u32) -> f64 {
     let pattern = all_pixels(view);
@@ -102,17 +125,21 @@ fn it_is_as_bright_as_paths_are() {
     });
 }
 
-/// Whether fewer rays look for surfaces or for the sky: the mean of what they find is that of all.
+/// Whether fewer rays look for surfaces or for the sky, and whether the cache knows what they meet: the mean of what they find is
+/// that of all.
 #[test]
 fn samples_that_are_sent_fewer_rays_find_as_much_light() {
     on_every_device(|device| {
         for traversal in Traversal::ALL {
-            for (name, scene, sky, view) in [
-                ("room", rooms(), dark(), inside(-2.0)),
-                ("roofless room", roofless(), Environment::constant(Vec3::ONE), inside(-2.0)),
+            for (name, scene, sky, view, steps) in [
+                ("room, an empty cache", rooms(), dark(), inside(-2.0), 0),
+                ("room", rooms(), dark(), inside(-2.0), 30),
+                ("roofless room", roofless(), Environment::constant(Vec3::ONE), inside(-2.0), 30),
+                ("shining walls", shining(), dark(), inside(-2.0), 30),
+                ("gap", gap(), Environment::constant(Vec3::ONE), along(), 30),
             ] {
                 let mut bench = Bench::walking(device, &scene, &sky, &EVERYTHING, traversal);
-                lit(&mut bench, &view, 0..30);
+                lit(&mut bench, &view, 0..steps);
                 let all = mean(&mut bench, &view, &CACHED, 8);
                 for fewer in [8, 16, 32] {
                     let settings = Settings { fewer_rays: Some(fewer), ..CACHED };

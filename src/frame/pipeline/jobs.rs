@@ -10,13 +10,16 @@ use crate::trace::{self, Job, Turn};
 /// light within half a second.
 const EARLY_STEPS: u64 = 96;
 
+/// Fewer rays are sent in motion where means hold those of so many samples at least that are sent all.
+const LEAST_HELD: f32 = 2.0;
+
 impl Renderer {
     /// What devices are told of a view.
     pub(super) fn job(&mut self, index: usize, view: &View, seed: u32) -> Job {
         let turn = self.turn(index, view);
-        let (rays, fewer_rays) = self.rays_of(index, view);
+        let (rays, fewer_rays, estimates) = self.rays_of(index, view);
         self.views[index].turn = turn;
-        self.views[index].estimates = rays as f32 / fewer_rays.unwrap_or(rays) as f32;
+        self.views[index].estimates = estimates;
         let traced = &self.views[index];
         // Averages of many pictures are meant to be exact.
         let cached = self.settings.cached && !self.settings.jitter;
@@ -80,19 +83,25 @@ impl Renderer {
         }
     }
 
-    /// Light rays of each of a view's samples, and of those whose surfaces were seen in the frame before, where one has left
-    /// light: fewer for all where the view has hardly moved. Several devices send all: what each has seen of the frame before
-    /// depends on how they share it.
-    fn rays_of(&self, index: usize, view: &View) -> (u32, Option<u32>) {
+    /// Light rays of each of a view's samples, of those whose surfaces were seen in the frame before, where one has left light,
+    /// and how many estimates all of them count as: fewer for all where the view has hardly moved. Several devices send all: what
+    /// each has seen of the frame before depends on how they share it. So does light that holds for few frames.
+    fn rays_of(&self, index: usize, view: &View) -> (u32, Option<u32>, f32) {
         let rays = self.settings.rays;
-        let part = |share: f64| ((f64::from(rays) * share).ceil() as u32).clamp(1, rays);
+        let part =
+            |share: f64| ((f64::from(rays) * share).ceil() as u32).clamp(rays.clamp(1, 2), rays.max(1));
         let keeps = self.scheduler.fleet().count() == 1 && !self.settings.jitter;
         if self.reconstruction.remembers(index, view) {
             let rays = part(self.time.rays);
-            (rays, keeps.then_some(rays))
-        } else {
-            let known = self.reconstruction.has_history(index);
-            (rays, keeps.then(|| if known { part(self.time.rays_in_motion) } else { rays }))
+            return (rays, keeps.then_some(rays), 1.0);
         }
+        let fewer = part(self.time.rays_in_motion);
+        let estimates = rays as f32 / fewer as f32;
+        let holds = self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused).min(self.time.frames as f32);
+        if !keeps || holds < LEAST_HELD * estimates {
+            return (rays, None, 1.0);
+        }
+        let known = self.reconstruction.has_history(index);
+        (rays, Some(if known { fewer } else { rays }), estimates)
     }
 }

@@ -228,6 +228,7 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
         neighbours: 12,
         longest: f64::from(REUSE.frames),
         light_changes,
+        estimates: estimates.into(),
     };
     let mut kept: [Option<accumulate::Kept>; 2] = [None, None];
     let mut lent: [Option<accumulate::Kept>; 2] = [None, None];
@@ -295,7 +296,8 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
                 assert!((found.specular - twin.specular).length() < 0.01, "{place:?}: {found:?} {twin:?}");
                 let confidence = f64::from(histories[index][6]);
                 assert!((confidence - ages[index].confidence).abs() < 0.01, "{place:?}: {confidence}");
-                let age = (histories[index][0].min(histories[index][1]) / of_own(index) as f32).max(1.0);
+                let own = if moves { 1.0 } else { of_own(index) };
+                let age = (histories[index][0].min(histories[index][1]) / own as f32).max(1.0);
                 let code = index as u32 % 16;
                 let waits = waits(index, turn);
                 if waits {

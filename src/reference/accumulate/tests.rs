@@ -10,6 +10,7 @@ const SETTINGS: Settings = Settings {
     neighbours: 12,
     longest: 32.0,
     light_changes: true,
+    estimates: 1.0,
 };
 
 fn view(position: DVec3, yaw: f64) -> View {

@@ -29,7 +29,8 @@ impl Tracer {
 
     /// Like [`Tracer::enqueue`], for parts of the view that follow each other: records of other parts stay as
     /// they are, except that the first part's first traced tile is described too. `past` is the view's frame before this one,
-    /// for [`Settings::fewer_rays`], and then this one, whose parts are to be all that the view has.
+    /// for [`Settings::fewer_rays`], and then this one, whose parts are to be all that the view has: [`Tracer::hits`] are not its own
+    /// then.
     pub fn enqueue_parts(
         &mut self,
         view: &View,
@@ -80,6 +81,9 @@ impl Tracer {
         {
             let [across, down] = [view.width, view.height].map(|pixels| pixels.div_ceil(TILE) as usize);
             mirrors.reserve(&self.device, across * down)?;
+        }
+        if settings.cached {
+            self.light.reserve(&self.device)?;
         }
         samples.acquire()?;
         visibility.map_or(Ok(()), Buffer::acquire)?;

@@ -335,11 +335,14 @@ impl Wavefront {
 }
 
 /// Of 32 rays of a sample from number `first_ray` on, those that may meet a surface whose light is not known: with the cache those
-/// that `is_looking` in `kernels/shared/sample.h` has look for surfaces, a quarter, or of fewer rays as many at most.
+/// that `is_looking` in `kernels/shared/sample.h` has look for surfaces: a quarter, and of fewer rays all at most.
 fn rays_that_meet(shading: &layout::Shading, first_ray: u32) -> u32 {
     let rays = (shading.rays - rays_to_sun(shading) - first_ray).min(BATCH as u32);
-    let fewer = shading.fewer_rays.min(shading.rays.div_ceil(4));
-    if shading.cached > 0 { rays.min((BATCH as u32 / 4).max(fewer)) } else { rays }
+    if shading.cached == 0 || shading.fewer_rays < shading.rays {
+        rays.min((BATCH as u32 / 4).max(shading.fewer_rays))
+    } else {
+        rays.min(BATCH as u32 / 4)
+    }
 }
 
 /// A work-item for each of the lanes that look at what so many samples' rays have met.

@@ -113,7 +113,15 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     // Neither tiles nor their ring: edges and samples are asked for what nobody has traced.
     tracer.hits = untraced(&device, view.pixels()).unwrap();
     let camera = camera(&view, tracer.anchor, &settings);
-    let shading = layout::Shading { guided: 1, hits_per_pixel: 1, rays: 4, ..tracer.scene.shading };
+    let shading = layout::Shading {
+        guided: 1,
+        hits_per_pixel: 1,
+        rays: 4,
+        fewer_rays: 4,
+        looking: 1,
+        fewer_looking: 1,
+        ..tracer.scene.shading
+    };
     tracer.share_edges(&camera, 2, &pattern, &pattern.whole, &records).unwrap();
     let past = (&camera, None);
     tracer.shade(None, &camera, &shading, &pattern, &pattern.whole, Some(&records), &samples, past).unwrap();
