@@ -40,7 +40,7 @@ pub fn known(
     let pixel = before.project(old.rotation.inverse() * (point - old.position))?;
     let inside =
         pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < before.width.into() && pixel.y < before.height.into();
-    let seen = inside.then(|| [pixel.x as u32, pixel.y as u32])?;
+    let seen = inside.then_some([pixel.x as u32, pixel.y as u32])?;
     let was =
         old.position + (old.rotation * before.eye_direction(middle(seen))).normalize() * distance(seen)?;
     let picture = view.picture();
