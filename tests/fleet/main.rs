@@ -104,6 +104,8 @@ fn config(method: Method) -> Config {
     // Rays that fall off: at the usual slope so few pixels would all have theirs.
     config.foveation.visibility_slope = 0.2;
     config.trace.rays = 16;
+    // One device alone would send fewer in motion than several.
+    config.time.rays_in_motion = 1.0;
     config
 }
 
