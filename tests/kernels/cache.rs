@@ -152,6 +152,24 @@ fn samples_that_are_sent_fewer_rays_find_as_much_light() {
     });
 }
 
+/// Samples that are sent all rays are shaded to the bit as where none is sent fewer, also where paths are followed from each hit.
+#[test]
+fn samples_that_are_sent_all_rays_do_not_see_that_others_are_sent_fewer() {
+    on_every_device(|device| {
+        let view = inside(-2.0);
+        let pattern = all_pixels(&view);
+        for traversal in Traversal::ALL {
+            let mut bench = Bench::walking(device, &rooms(), &dark(), &EVERYTHING, traversal);
+            let all = Settings { bounces: 1, rays: 32, ..GUIDED };
+            let mut samples = |fewer_rays| {
+                let settings = Settings { fewer_rays, ..all };
+                bench.trace(&view, &settings, &pattern).samples
+            };
+            assert!(samples(None) == samples(Some(4)), "{}", traversal.name());
+        }
+    });
+}
+
 /// The cells of the floor reach into both rooms. The first room is seen first.
 #[test]
 fn no_light_leaks_through_a_wall() {

@@ -90,12 +90,12 @@ impl Renderer {
         let rays = self.settings.rays;
         let part =
             |share: f64| ((f64::from(rays) * share).ceil() as u32).clamp(rays.clamp(1, 2), rays.max(1));
-        let keeps = self.scheduler.fleet().count() == 1 && !self.settings.jitter;
+        let fewer = part(self.time.rays_in_motion);
+        let keeps = fewer < rays && self.scheduler.fleet().count() == 1 && !self.settings.jitter;
         if self.reconstruction.remembers(index, view) {
             let rays = part(self.time.rays);
             return (rays, keeps.then_some(rays), 1.0);
         }
-        let fewer = part(self.time.rays_in_motion);
         let estimates = rays as f32 / fewer as f32;
         let holds = self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused).min(self.time.frames as f32);
         if !keeps || holds < LEAST_HELD * estimates {

@@ -338,11 +338,8 @@ impl Wavefront {
 /// that `is_looking` in `kernels/shared/sample.h` has look for surfaces: a quarter, and of fewer rays all at most.
 fn rays_that_meet(shading: &layout::Shading, first_ray: u32) -> u32 {
     let rays = (shading.rays - rays_to_sun(shading) - first_ray).min(BATCH as u32);
-    if shading.cached == 0 || shading.fewer_rays < shading.rays {
-        rays.min((BATCH as u32 / 4).max(shading.fewer_rays))
-    } else {
-        rays.min(BATCH as u32 / 4)
-    }
+    let fewer = if shading.fewer_rays < shading.rays { shading.fewer_rays } else { 0 };
+    if shading.cached > 0 { rays.min((BATCH as u32 / 4).max(fewer)) } else { rays }
 }
 
 /// A work-item for each of the lanes that look at what so many samples' rays have met.
