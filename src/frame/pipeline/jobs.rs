@@ -85,13 +85,14 @@ impl Renderer {
 
     /// Light rays of each of a view's samples, of those whose surfaces were seen in the frame before, where one has left light,
     /// and how many estimates all of them count as: fewer for all where the view has hardly moved. Several devices send all: what
-    /// each has seen of the frame before depends on how they share it. So does light that holds for few frames.
+    /// each has seen of the frame before depends on how they share it. All are sent in light that holds for few frames, too.
     fn rays_of(&self, index: usize, view: &View) -> (u32, Option<u32>, f32) {
         let rays = self.settings.rays;
         let part =
             |share: f64| ((f64::from(rays) * share).ceil() as u32).clamp(rays.clamp(1, 2), rays.max(1));
         let fewer = part(self.time.rays_in_motion);
-        let keeps = fewer < rays && self.scheduler.fleet().count() == 1 && !self.settings.jitter;
+        let carries = self.time.reuse && !self.settings.jitter;
+        let keeps = carries && fewer < rays && self.scheduler.fleet().count() == 1;
         if self.reconstruction.remembers(index, view) {
             let rays = part(self.time.rays);
             return (rays, keeps.then_some(rays), 1.0);
