@@ -2,20 +2,10 @@
 // planes of shade.cl, and others take what was found. Rays that meet triangles with alpha come back open, and are traced here.
 #if SINGLE_RAYS && HARDWARE_RAYS
 
-// What rays look for beside what light rays do: the nearest surface seen from its front, and the nearest from any side.
+// What camera rays look for: the nearest surface seen from its front.
 #define RAY_FOR_FRONT 32u
-#define RAY_FOR_BLOCKER 64u
 // Where rays start that are no sample's.
 #define PLANE_OWN_ORIGIN 5u
-
-static void put_ray(__global uint *rays, uint groups, uint at, uint sought, float3 d)
-{
-    *word_of(rays, groups, PLANE_SOUGHT, at) = sought;
-    set_vector(rays, groups, PLANE_DIRECTION, at, d);
-    *word_of(rays, groups, PLANE_T, at) = as_uint(INFINITY);
-}
-
-static void set_unused(__global uint *rays, uint groups, uint at) { *word_of(rays, groups, PLANE_SOUGHT, at) = RAY_UNUSED; }
 
 static bool is_open(__global uint *rays, uint groups, uint at) { return (*word_of(rays, groups, PLANE_SOUGHT, at) & IS_OPEN) != 0u; }
 
@@ -136,96 +126,6 @@ __kernel void resolve_pixel_sun(SCENE_PARAMETERS, Camera camera, Shading shading
     if (found != RAY_UNUSED)
         atomic_inc(&counters[0]);
     records[pixel].reflected = as_uint(coming);
-#endif
-}
-
-// Rays of samples to the sun's disc: trace_sun_rays in three parts. Ray i of sample k of `count` is ray i * count + k.
-__kernel void generate_sun_rays(Camera camera, Shading asked, uint count, __global uint *states, __global uint *rays)
-{
-#if HAS_SUN
-    uint at = (uint)get_global_id(0);
-    if (at >= 32u * count)
-        return;
-    uint k = at % count, i = at / count;
-    Shading shading = shading_of(asked, reuses_of(states, k));
-    uint n = rays_to_sun(&shading);
-    set_unused(rays, count, at);
-    if (i >= n || !state_at(states, k)->sample.lit)
-        return;
-    Sample sample = state_at(states, k)->sample;
-    if (i == 0u)
-        set_origin(rays, count, k, sample.origin);
-    float3 d;
-    if (aim_at_sun(&asked, &sample, i, n, camera.seed, &d))
-        put_ray(rays, count, at, RAY_FOR_SKY, d);
-#endif
-}
-
-// Looks at what came of them, and aims a ray at what hides a part of the disc: ray k. counters[0] sums the rays.
-__kernel void generate_blocker_rays(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
-                                __global const VisibilityRecord *visibility, __global uint *states, __global uint *rays,
-                                __global uint *counters)
-{
-#if HAS_SUN
-    Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0);
-    if (k >= count || !state_at(states, k)->sample.lit)
-        return;
-    Sample sample = state_at(states, k)->sample;
-    Shading shading = shading_of(asked, sample.reuses);
-    uint n = rays_to_sun(&shading), pixel = samples[first + k];
-    bool centre = visibility[(pixel >> 16) * camera.width + (pixel & 0xffffu)].normal >> 31, hidden = false, seen = false;
-    float3 blocked = load3(asked.sun_direction);
-    for (uint at = k; at < n * count; at += count) {
-        uint found = *word_of(rays, count, PLANE_SOUGHT, at);
-        if (found == RAY_UNUSED)
-            continue;
-        float3 d = vector_of(rays, count, PLANE_DIRECTION, at);
-        float coming = found == RAY_FOR_SKY ? 1.0f : 0.0f;
-#if HAS_ALPHA
-        if (found & IS_OPEN)
-            coming = light_along(&scene, &asked, sample.origin, d, INFINITY, sample.chance);
-#endif
-        if (coming > 0.0f) {
-            seen = true;
-        } else {
-            blocked = hidden ? blocked : d;
-            hidden = true;
-        }
-    }
-    bool seeks = seeks_blocker(&asked, &sample, hidden, seen, centre, blocked);
-    if (seeks)
-        put_ray(rays, count, k, RAY_FOR_BLOCKER, blocked);
-    else
-        set_unused(rays, count, k);
-    atomic_add(&counters[0], n + (seeks ? 1u : 0u));
-#endif
-}
-
-// Notes how far away it is.
-__kernel void resolve_blockers(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
-                                __global const VisibilityRecord *visibility, __global uint *states, __global uint *rays)
-{
-#if HAS_SUN
-    Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0);
-    if (k >= count || !state_at(states, k)->sample.lit)
-        return;
-    uint pixel = samples[first + k], away = 0u;
-    uint centre = visibility[(pixel >> 16) * camera.width + (pixel & 0xffffu)].normal >> 31;
-    if (*word_of(rays, count, PLANE_SOUGHT, k) != RAY_UNUSED) {
-        HitRecord hit = hit_found(rays, count, k);
-#if HAS_ALPHA
-        if (is_open(rays, count, k)) {
-            hit.triangle = NONE;
-            hit.t = INFINITY;
-            float3 origin = state_at(states, k)->sample.origin, d = vector_of(rays, count, PLANE_DIRECTION, k);
-            trace_ray(&scene, origin, 0.0f, d, &hit.t, &hit.triangle, PASSED, state_at(states, k)->sample.chance);
-        }
-#endif
-        away = hit.triangle == NONE ? 0u : blocker_code(hit.t);
-    }
-    state_at(states, k)->sample.normal |= (away << 1 | centre) << 24;
 #endif
 }
 

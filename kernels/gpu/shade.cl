@@ -2,7 +2,7 @@
 // and Aila 2013, "Megakernels considered harmful"), so that each keeps little and lanes do the same. Per list of samples:
 //
 //   begin_samples        what each sample sees
-//   trace_sun_rays       where a part of the sun is hidden from it
+//   where a part of the sun is hidden from it: sun.cl
 //   then for each 32 of a sample's light rays
 //     generate_light_rays
 //     intersect_light_rays, which queues those whose light a surface sends
@@ -77,6 +77,25 @@ static void set_vector(__global uint *rays, uint count, uint plane, uint at, flo
     *word_of(rays, count, plane + 2u, at) = as_uint(v.z);
 }
 
+static void put_ray(__global uint *rays, uint count, uint at, uint sought, float3 d)
+{
+    *word_of(rays, count, PLANE_SOUGHT, at) = sought;
+    set_vector(rays, count, PLANE_DIRECTION, at, d);
+    *word_of(rays, count, PLANE_T, at) = as_uint(INFINITY);
+}
+
+static void set_unused(__global uint *rays, uint count, uint at) { *word_of(rays, count, PLANE_SOUGHT, at) = RAY_UNUSED; }
+
+// What a ray that kernels are to trace looks for: where ray queries trace others before, those that they left open.
+static uint left_to_trace(__global uint *rays, uint count, uint at)
+{
+    uint sought = *word_of(rays, count, PLANE_SOUGHT, at);
+#if HARDWARE_RAYS
+    sought = sought & IS_OPEN ? sought & ~IS_OPEN : RAY_UNUSED;
+#endif
+    return sought;
+}
+
 #if HARDWARE_RAYS
 // Where the rays of sample k of `count` start.
 static void set_origin(__global uint *rays, uint count, uint k, float3 origin)
@@ -123,44 +142,6 @@ __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Camera before, Shad
     state->light = none;
 #if HAS_GLASS
     state->through_glass = 0.0f;
-#endif
-}
-
-// Rays to the sun's disc, and one to what hides a part of it. counters[0] sums them.
-__kernel void trace_sun_rays(SCENE_PARAMETERS, Camera camera, Shading asked, __global const uint *samples, uint first, uint count,
-                             __global const VisibilityRecord *visibility, __global uint *states, __global uint *counters)
-{
-#if HAS_SUN
-    Scene scene = SCENE_ARGUMENTS;
-    uint k = (uint)get_global_id(0);
-    if (k >= count || rays_to_sun(&asked) == 0u || !state_at(states, k)->sample.lit)
-        return;
-    Sample sample = state_at(states, k)->sample;
-    Shading shading = shading_of(asked, sample.reuses);
-    uint n = rays_to_sun(&shading);
-    uint at = samples[first + k], rays = n, away = 0u;
-    bool centre = visibility[(at >> 16) * camera.width + (at & 0xffffu)].normal >> 31, hidden = false, seen = false;
-    float3 blocked = load3(asked.sun_direction);
-    for (uint i = 0; i <= n; ++i) {
-        float3 d;
-        if (i < n ? !aim_at_sun(&asked, &sample, i, n, camera.seed, &d) : !seeks_blocker(&asked, &sample, hidden, seen, centre, blocked))
-            continue;
-        d = i < n ? d : blocked;
-        float t = INFINITY;
-        uint place;
-        float coming = light_through(&scene, &asked, sample.origin, d, &t, &place, i < n ? ANY : PASSED, sample.chance);
-        if (i == n) {
-            ++rays;
-            away = coming > 0.0f ? 0u : blocker_code(t);
-        } else if (coming > 0.0f) {
-            seen = true;
-        } else {
-            blocked = hidden ? blocked : d;
-            hidden = true;
-        }
-    }
-    state_at(states, k)->sample.normal |= (away << 1 | (centre ? 1u : 0u)) << 24;
-    atomic_add(&counters[0], rays);
 #endif
 }
 
@@ -231,11 +212,7 @@ __kernel void intersect_light_rays(SCENE_PARAMETERS, uint count, __global uint *
             if (left) {
                 uint k = first + number % samples;
                 at = k + count * (number / samples);
-                uint sought = *word_of(light_rays, count, PLANE_SOUGHT, at) & ~IS_SMOOTH;
-#if HARDWARE_RAYS
-                // The others were traced before.
-                sought = sought & IS_OPEN ? sought & ~IS_OPEN : RAY_UNUSED;
-#endif
+                uint sought = left_to_trace(light_rays, count, at) & ~IS_SMOOTH;
                 under_way = sought != RAY_UNUSED;
                 if (under_way) {
                     __global const Sample *sample = &state_at(states, k)->sample;

@@ -237,7 +237,7 @@ static uint rays_to_sun(const Shading *shading)
 
 #if HAS_SUN
 // The direction of ray i of n to the sun's disc; false where the surface faces away from it.
-static bool aim_at_sun(const Shading *shading, const Sample *sample, uint i, uint n, uint seed, float3 *d)
+INLINED static bool aim_at_sun(const Shading *shading, const Sample *sample, uint i, uint n, uint seed, float3 *d)
 {
     uint2 u = sobol(sample->index * n + i, seed ^ 0x51ed270bu);
     *d = sample_sun(shading, (float2)(fraction(u.x), fraction(u.y)));
@@ -246,7 +246,7 @@ static bool aim_at_sun(const Shading *shading, const Sample *sample, uint i, uin
 
 // Whether what hides a part of the sun's disc from a sample is looked for, along d: whether some rays to the disc are hidden,
 // whether some see it, and whether the pixel's own one to its centre does.
-static bool seeks_blocker(const Shading *shading, const Sample *sample, bool hidden, bool seen, bool centre, float3 d)
+INLINED static bool seeks_blocker(const Shading *shading, const Sample *sample, bool hidden, bool seen, bool centre, float3 d)
 {
     // The pixel has its light already where its surface brings it itself.
     bool is_whole = hidden ? !seen && !centre : centre || shading->translucent;

@@ -5,22 +5,16 @@
 // vector lanes, one ray after the other. Where nearest hits are asked for, entries also hold where the
 // first of their rays gets there. How streams walk is in `streams.h`, how a ray by itself does here.
 //
-// Watertight: a triangle is hit where its three edge volumes d.(p x q), of vertices relative to the
-// ray's origin, have no two different signs. 2 p x q is computed as (p - q) x (p + q), as Embree does:
-// its rounding shrinks with the edge, and it is exactly antisymmetric, so both triangles at an edge see
-// the same sign; where rounding could have changed it, the volume is evaluated again in double
-// precision. Zero counts as inside. Nothing here is an absolute epsilon.
-//
-// A ray hits a triangle where its three edge volumes, of the ray's direction and two vertices relative to its origin,
-// have no two different signs. Their rounded values are exactly antisymmetric, so the two triangles at an edge see
-// one volume with opposite signs, and nothing passes between them. Where a volume is within its rounding error of
-// zero, the verdict is made anew in double precision; zero counts as inside. On devices without doubles an open
-// verdict is a hit, which keeps edges closed at the price of hits that miss by a millionth, and on slivers by up to 8
-// % of the triangle's distance (seen with doubles switched off). Distances come from the triangle's plane; where a
+// Watertight: a triangle is hit where its three edge volumes d.(p x q), of the ray's direction and two vertices relative to
+// its origin, have no two different signs. 2 p x q is computed as (p - q) x (p + q), as Embree does: its rounding
+// shrinks with the edge, and it is exactly antisymmetric, so that the two triangles at an edge see one volume with opposite
+// signs, and nothing passes between them. Where a volume is within its rounding error of zero, the verdict is made anew
+// with twice the digits (volume.h); zero counts as inside. Distances come from the triangle's plane; where a
 // verdict was open they are kept between the nearest and the farthest vertex, since a plane seen edge-on says nothing
 // about where it is. Boxes are widened by a few roundings, and rays leave surfaces by an offset made of the roundings
 // that led there, from points that lie as far inside their triangle: one on the edge of two walls would see through
-// the other. No constant has a unit of length. docs/accuracy.md has the worst error of each stage.
+// the other. Nothing here is an absolute epsilon, and no constant has a unit of length. docs/accuracy.md has the worst error of
+// each stage.
 
 // Rounding of two subtractions and a multiplication on both planes (Ize 2013).
 #define SLAB_WIDENING 1.0000012f
@@ -252,41 +246,6 @@ typedef union {
     float8 vector;
     float lane[8];
 } Lanes;
-
-#ifdef cl_khr_fp64
-static double volume(double3 d, double3 p, double3 q)
-{
-    return d.x * (p.y * q.z - p.z * q.y) + d.y * (p.z * q.x - p.x * q.z) + d.z * (p.x * q.y - p.y * q.x);
-}
-#endif
-
-// The verdict on a triangle that rounding left open; on a hit the volumes become weights of one sign.
-static bool settle_corners(float3 a, float3 b, float3 c, float3 d, float3 *volumes)
-{
-#ifdef cl_khr_fp64
-    double3 dd = convert_double3(d), da = convert_double3(a), db = convert_double3(b), dc = convert_double3(c);
-    double u = volume(dd, dc, db), v = volume(dd, da, dc), w = volume(dd, db, da);
-    if ((u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0))
-        return false;
-    double sum = fabs(u) + fabs(v) + fabs(w);
-    if (sum == 0.0)
-        return false;
-    double sign = u + v + w < 0.0 ? -1.0 : 1.0;
-    *volumes = (float3)((float)(sign * fabs(u) / sum), (float)(sign * fabs(v) / sum), (float)(sign * fabs(w) / sum));
-    return true;
-#else
-    // Without double precision an open verdict is a hit: edges stay closed, at the price of hits that
-    // miss the triangle by a millionth.
-    float3 m = *volumes;
-    float sign = m.x + m.y + m.z < 0.0f ? -1.0f : 1.0f;
-    m = max(m * sign, 0.0f);
-    float sum = m.x + m.y + m.z;
-    if (!(sum > 0.0f))
-        return false;
-    *volumes = m * (sign / sum);
-    return true;
-#endif
-}
 
 static void corners_of_lane(const Leaf *l, uint lane, float3 *a, float3 *b, float3 *c)
 {

@@ -340,13 +340,12 @@ fn text_of(report: &Report, json: bool) -> Result<String> {
     lines.extend(none(report.opencl.len()));
     for (index, d) in report.opencl.iter().enumerate() {
         lines.push(format!(
-            "{} {index}  {} [{}, {} units, {} MiB{}]  {} {}: {}",
+            "{} {index}  {} [{}, {} units, {} MiB]  {} {}: {}",
             mark(d.used),
             d.info.name,
             d.info.kind,
             d.info.compute_units,
             d.info.memory >> 20,
-            if d.info.fp64 { "" } else { ", no double precision" },
             d.info.platform,
             d.info.driver,
             d.reason

@@ -169,10 +169,23 @@ kernels! {
         count: u32, hits: &Buffer<HitRecord>, visibility: Option<&Buffer<VisibilityRecord>>,
         records: &Buffer<SampleRecord>, past: Option<&Buffer<HitRecord>>, states: &Buffer<u32>,
     );
-    /// Finds where a part of the sun is hidden from samples.
-    TraceSunRays = trace_sun_rays(
-        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
-        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, counters: &Buffer<u32>,
+    /// Chooses rays of samples to the sun's disc.
+    GenerateSunRays = generate_sun_rays(
+        camera: &Camera, asked: &Shading, each: u32, count: u32, states: &Buffer<u32>, rays: &Buffer<u32>,
+    );
+    /// Traces them, and those to what hides the disc.
+    IntersectSunRays = intersect_sun_rays(
+        scene: SceneOf, asked: &Shading, each: u32, count: u32, states: &Buffer<u32>, rays: &Buffer<u32>,
+    );
+    /// Chooses rays to what hides a part of the disc.
+    GenerateBlockerRays = generate_blocker_rays(
+        camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
+        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>, counters: &Buffer<u32>,
+    );
+    /// Notes how far away that is.
+    ResolveBlockers = resolve_blockers(
+        camera: &Camera, samples: &Buffer<u32>, first: u32, count: u32,
+        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>,
     );
     /// Chooses the light rays of samples.
     GenerateLightRays = generate_light_rays(
@@ -287,21 +300,6 @@ kernels! {
     ResolvePixelSun = resolve_pixel_sun(
         scene: SceneOf, camera: &Camera, shading: &Shading, tiles: &Buffer<u32>, first: u32, count: u32, groups: u32,
         hits: &Buffer<HitRecord>, rays: &Buffer<u32>, records: &Buffer<VisibilityRecord>, counters: &Buffer<u32>,
-    );
-    /// Lays rays from samples to the sun's disc out.
-    GenerateSunRays = generate_sun_rays(
-        camera: &Camera, asked: &Shading, count: u32, states: &Buffer<u32>, rays: &Buffer<u32>,
-    );
-    /// Looks at what came of them, and lays a ray to what hides a part of the disc out.
-    GenerateBlockerRays = generate_blocker_rays(
-        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
-        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>,
-        counters: &Buffer<u32>,
-    );
-    /// Takes how far away that is.
-    ResolveBlockers = resolve_blockers(
-        scene: SceneOf, camera: &Camera, asked: &Shading, samples: &Buffer<u32>, first: u32, count: u32,
-        visibility: Option<&Buffer<VisibilityRecord>>, states: &Buffer<u32>, rays: &Buffer<u32>,
     );
     /// Lays mirror rays out for ray queries, and rays to the sun.
     CopyMirrorRays = copy_mirror_rays(

@@ -26,6 +26,7 @@ mod paths;
 pub mod pattern_maker;
 pub mod probe;
 mod rebuild;
+pub mod registers;
 mod scene_buffers;
 mod self_test;
 pub mod source;

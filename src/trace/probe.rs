@@ -15,9 +15,9 @@ use crate::scene::{Environment, Features, Material, Scene};
 use super::kernels::{
     CountBundles, Grid, IntersectBundles, OccludedBundles, SceneOf, TracePixels, TraceSamples,
 };
-use super::source;
 use super::tracer::{self, BLOCKS_PER_TILE, Settings};
 use super::{BufferBytes, SceneBuffers, SceneData, Traversal, Turn};
+use super::{registers, source};
 
 /// Rays of a bundle, which leave one point.
 pub const BUNDLE: usize = 32;
@@ -143,7 +143,7 @@ impl Probe {
         let data = SceneData::pack(shape, trees, &darkness)?;
         let features = Features { instances: shape.instanced.is_some(), ..Features::default() };
         let options = source::options(device.info(), &features, data.depth, traversal);
-        let program = Program::build(device, "probe", text, &options)?;
+        let program = registers::build(device, "probe", text, &options)?;
         let probe = Probe {
             scene: SceneBuffers::upload(device, &data, traversal.into())?,
             traversal,

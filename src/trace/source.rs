@@ -36,12 +36,13 @@ pub(super) const SURFACE_BYTES: usize = 304;
 
 /// All kernel files, in the order in which they depend on each other. They travel in the program and
 /// are one translation unit, since not every driver finds include files.
-const FILES: [&str; 47] = [
+const FILES: [&str; 49] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
     include_str!("../../kernels/shared/scene.h"),
     include_str!("../../kernels/shared/texture.h"),
+    include_str!("../../kernels/shared/volume.h"),
     include_str!("../../kernels/shared/traverse.h"),
     include_str!("../../kernels/shared/compact.h"),
     include_str!("../../kernels/shared/streams.h"),
@@ -79,6 +80,7 @@ const FILES: [&str; 47] = [
     include_str!("../../kernels/shared/reuse.h"),
     include_str!("../../kernels/cpu/shade.cl"),
     include_str!("../../kernels/gpu/shade.cl"),
+    include_str!("../../kernels/gpu/sun.cl"),
     include_str!("../../kernels/gpu/glass.cl"),
     include_str!("../../kernels/gpu/hardware.cl"),
     include_str!("../../kernels/gather.cl"),
@@ -92,11 +94,12 @@ pub fn text() -> String {
 }
 
 /// What rays alone need, for measurements of them.
-const PROBE_FILES: [&str; 12] = [
+const PROBE_FILES: [&str; 13] = [
     include_str!("../../kernels/shared/types.h"),
     include_str!("../../kernels/shared/math.h"),
     include_str!("../../kernels/shared/random.h"),
     include_str!("../../kernels/shared/scene.h"),
+    include_str!("../../kernels/shared/volume.h"),
     include_str!("../../kernels/shared/traverse.h"),
     include_str!("../../kernels/shared/compact.h"),
     include_str!("../../kernels/shared/streams.h"),

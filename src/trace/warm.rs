@@ -5,15 +5,15 @@ use std::time::Instant;
 use serde::Serialize;
 
 use crate::error::Result;
-use crate::gpu::opencl::{Buffer, Device, Program};
+use crate::gpu::opencl::{Buffer, Device};
 use crate::layout::{CacheInfo, Camera, HitRecord, SampleRecord, Shading, VisibilityRecord};
 use crate::metrics::stats::median;
 use crate::scene::Features;
 
 use super::Traversal;
 use super::kernels::{DescribePixels, Grid, SceneOf, ShareEdges, TracePixels, TraceSamples, TraceSun};
-use super::source;
 use super::tracer::{Mirrors, Pixels, SampleShading, Tiles, Work};
+use super::{registers, source};
 
 /// Times in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -84,7 +84,7 @@ struct Idle {
 
 impl Idle {
     fn build(device: &Device, traversal: Traversal, options: &str) -> Result<Idle> {
-        let program = &Program::build(device, "foveate", &source::text(), options)?;
+        let program = &registers::build(device, "foveate", &source::text(), options)?;
         Ok(Idle {
             device: device.clone(),
             traversal,

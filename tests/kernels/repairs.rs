@@ -24,9 +24,10 @@ struct Repair {
 
 const REPAIRS: [Repair; 3] = [
     Repair {
-        name: "verdicts near edges in double precision",
-        with: "#ifdef cl_khr_fp64\n    double3 dd",
-        without: "#if 0\n    double3 dd",
+        name: "verdicts near edges with two floats a number",
+        with: "    float scale = scale_of(a, b, c);\n",
+        without: "    float3 m = *volumes;\n    float sign = m.x + m.y + m.z < 0.0f ? -1.0f : 1.0f;\n    \
+            *volumes = max(m * sign, 0.0f) * sign;\n    return true;\n    float scale = scale_of(a, b, c);\n",
     },
     Repair {
         name: "the eye's position as two floats",

@@ -34,8 +34,8 @@ pub struct DeviceInfo {
     pub memory: u64,
     /// The largest single buffer in bytes.
     pub largest_buffer: u64,
-    /// Double precision is there (cl_khr_fp64).
-    pub fp64: bool,
+    /// Its compiler takes a limit of registers (cl_nv_compiler_options).
+    pub limits_registers: bool,
     /// The device's UUID in hexadecimal, where the driver tells it (cl_khr_device_uuid).
     pub uuid: Option<String>,
     /// It shares memory with the host.
@@ -101,7 +101,7 @@ fn describe(from: Platform, device: device::Device) -> DeviceInfo {
         compute_units: device.max_compute_units().unwrap_or(0),
         memory: device.global_mem_size().unwrap_or(0),
         largest_buffer: device.max_mem_alloc_size().unwrap_or(0),
-        fp64: has("cl_khr_fp64"),
+        limits_registers: has("cl_nv_compiler_options"),
         uuid: if has("cl_khr_device_uuid") { uuid(device) } else { None },
         host_unified: device.host_unified_memory().unwrap_or(false),
         external_memory: extensions

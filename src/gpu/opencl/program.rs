@@ -1,15 +1,16 @@
 //! Kernel source to a built program.
 
+use opencl3::error_codes::{CL_INVALID_KERNEL_NAME, ClError};
 use opencl3::{kernel, program};
 
 use super::owned::Owned;
 use super::{Device, Kernel};
 use crate::error::{Error, Result};
 
-/// A program built for one device; released when dropped.
+/// A program built for one device, perhaps of several that OpenCL knows; released when dropped.
 #[derive(Debug)]
 pub struct Program {
-    program: Owned<program::Program>,
+    programs: Vec<Owned<program::Program>>,
     device: Device,
     name: String,
 }
@@ -28,7 +29,14 @@ impl Program {
             device: device.info().name.clone(),
             log: first_error(&program.get_build_log(device.id()).unwrap_or_default()),
         })?;
-        Ok(Program { device: device.clone(), program, name: name.to_string() })
+        Ok(Program { device: device.clone(), programs: vec![program], name: name.to_string() })
+    }
+
+    /// This one with the kernels of another one for the same device.
+    #[must_use]
+    pub fn with(mut self, other: Program) -> Program {
+        self.programs.extend(other.programs);
+        self
     }
 
     /// A kernel of this program.
@@ -36,9 +44,14 @@ impl Program {
     /// # Errors
     /// [`Error::Device`] where the program has no such kernel.
     pub fn kernel(&self, name: &str) -> Result<Kernel> {
-        let kernel = kernel::Kernel::create(&self.program, name)
-            .map_err(|e| self.device.failed(&format!("finds no kernel {name} in {}", self.name), e))?;
-        Ok(Kernel::new(self.device.clone(), kernel))
+        let mut failed = ClError(CL_INVALID_KERNEL_NAME);
+        for program in &self.programs {
+            match kernel::Kernel::create(program, name) {
+                Ok(kernel) => return Ok(Kernel::new(self.device.clone(), kernel)),
+                Err(error) => failed = error,
+            }
+        }
+        Err(self.device.failed(&format!("finds no kernel {name} in {}", self.name), failed))
     }
 }
 

@@ -3,7 +3,7 @@
 mod mirrors;
 
 use super::Step;
-use super::shading::{Work, samples_under_way};
+use super::shading::samples_under_way;
 use crate::error::Result;
 use crate::foveation::workload::TILE_PIXELS;
 use crate::gpu::opencl::{Buffer, Device, Program};
@@ -12,8 +12,8 @@ use crate::layout::{Camera, HitRecord, Shading, VisibilityRecord};
 use crate::scene::Features;
 use crate::trace::hardware::{GROUP, HardwareRays, PLANE_ORIGIN, PLANE_OWN_ORIGIN, Rays};
 use crate::trace::kernels::{
-    GatherCorners, GenerateBlockerRays, GeneratePixelRays, GeneratePixelSunRays, GenerateSampleRays,
-    GenerateSunRays, Grid, ResolveBlockers, ResolvePixelHits, ResolvePixelSun, ResolveSampleHits, SceneOf,
+    GatherCorners, GeneratePixelRays, GeneratePixelSunRays, GenerateSampleRays, Grid, ResolvePixelHits,
+    ResolvePixelSun, ResolveSampleHits, SceneOf,
 };
 use crate::trace::{SceneBuffers, SceneData, SceneState, Traversal};
 use mirrors::MirrorRays;
@@ -40,9 +40,6 @@ pub(in crate::trace) struct Hardware {
     resolve_sample_hits: ResolveSampleHits,
     generate_pixel_sun_rays: GeneratePixelSunRays,
     resolve_pixel_sun: ResolvePixelSun,
-    generate_sun_rays: GenerateSunRays,
-    generate_blocker_rays: GenerateBlockerRays,
-    resolve_blockers: ResolveBlockers,
     mirror_rays: MirrorRays,
     gather_corners: GatherCorners,
     /// Whether rays may meet triangles with alpha, which kernels look at.
@@ -66,9 +63,6 @@ impl Hardware {
             resolve_sample_hits: ResolveSampleHits::of(program)?,
             generate_pixel_sun_rays: GeneratePixelSunRays::of(program)?,
             resolve_pixel_sun: ResolvePixelSun::of(program)?,
-            generate_sun_rays: GenerateSunRays::of(program)?,
-            generate_blocker_rays: GenerateBlockerRays::of(program)?,
-            resolve_blockers: ResolveBlockers::of(program)?,
             mirror_rays: MirrorRays::of(program)?,
             gather_corners: GatherCorners::of(program)?,
             alpha: features.alpha,
@@ -101,10 +95,9 @@ impl Hardware {
         self.alpha
     }
 
-    /// Traces the light rays of so many samples, which were laid out with where they start.
-    pub fn trace_light_rays(&mut self, samples: u32) -> Result<Step> {
-        let count = samples * GROUP as u32;
-        self.trace(Rays { groups: samples, count, origin: (PLANE_ORIGIN, samples) })
+    /// Traces `each` rays of so many samples, which were laid out with where they start.
+    pub fn trace_rays_of(&mut self, samples: u32, each: u32) -> Result<Step> {
+        self.trace(Rays { groups: samples, count: samples * each, origin: (PLANE_ORIGIN, samples) })
     }
 
     fn trace(&mut self, rays: Rays) -> Result<Step> {
@@ -203,26 +196,6 @@ impl Hardware {
             steps.extend([aimed.into(), traced, taken.into()]);
         }
         Ok(steps)
-    }
-
-    /// As the kernel trace_sun_rays, for samples for which there is room, with `to_sun` rays each.
-    pub fn trace_sun_rays(&mut self, work: &Work, states: &Buffer<u32>, to_sun: u32) -> Result<Vec<Step>> {
-        let Work { scene, camera, shading, samples, first, count, visibility, counters, .. } = *work;
-        let of_samples = Grid { items: count as usize, group: Traversal::SingleRay.group() };
-        let origin = (PLANE_ORIGIN, count);
-        let (rays, _) = self.rays.buffers()?;
-        let aimed = self.generate_sun_rays.launch(grid(count), camera, shading, count, states, rays)?;
-        let traced = self.trace(Rays { groups: count, count: to_sun * count, origin })?;
-        let (rays, _) = self.rays.buffers()?;
-        let sought = self.generate_blocker_rays.launch(
-            of_samples, scene, camera, shading, samples, first, count, visibility, states, rays, counters,
-        )?;
-        let found = self.trace(Rays { groups: count, count, origin })?;
-        let (rays, _) = self.rays.buffers()?;
-        let taken = self
-            .resolve_blockers
-            .launch(of_samples, scene, camera, shading, samples, first, count, visibility, states, rays)?;
-        Ok(vec![aimed.into(), traced, sought.into(), found, taken.into()])
     }
 }
 

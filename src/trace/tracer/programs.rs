@@ -6,7 +6,7 @@ use crate::gpu::opencl::{Device, DeviceInfo, Kernel, Program};
 use crate::isolated;
 use crate::scene::Features;
 use crate::trace::light_cache::LightCache;
-use crate::trace::{Traversal, Traversals, self_test, source};
+use crate::trace::{Traversal, Traversals, registers, self_test, source};
 
 /// Built kernels of the variants that a device uses.
 pub(in crate::trace) struct Programs {
@@ -41,7 +41,7 @@ impl Programs {
         Ok(Programs {
             traversals: Traversal::SingleRay.into(),
             features: *features,
-            pixels: Program::build(device, "foveate", &source::text(), &options)?,
+            pixels: registers::build(device, "foveate", &source::text(), &options)?,
             bundles: None,
             hardware: true,
         })
@@ -56,7 +56,7 @@ impl Programs {
         traversals: Traversals,
     ) -> Result<Programs> {
         let options = |traversal| source::options(device.info(), features, depth, traversal);
-        let build = |traversal| Program::build(device, "foveate", text, &options(traversal));
+        let build = |traversal| registers::build(device, "foveate", text, &options(traversal));
         let bundles =
             (traversals.bundles != traversals.pixels).then(|| build(traversals.bundles)).transpose()?;
         Ok(Programs {

@@ -2,6 +2,7 @@
 
 mod glass;
 mod light_paths;
+mod sun;
 
 use super::{Hardware, Step};
 use crate::error::Result;
@@ -11,13 +12,14 @@ use crate::trace::Traversal;
 use crate::trace::hardware::{GROUP, RAY_WORDS};
 use crate::trace::kernels::{
     BeginSamples, EndSamples, GenerateLightRays, Grid, IntersectLightRays, ResolveLight, SceneOf,
-    ShadeLightHits, ShadePunctual, ShadeSamples, TraceSunRays,
+    ShadeLightHits, ShadePunctual, ShadeSamples,
 };
 use crate::trace::light_cache::LookedUp;
 use crate::trace::paths::{self, PathMemory, STEP_RAYS, rays_of_step};
 use crate::trace::source::STATE_BYTES;
 use glass::Glass;
 use light_paths::{Followed, LightPaths};
+use sun::SunRays;
 
 /// Light rays of a sample that are under way together.
 const BATCH: usize = GROUP;
@@ -67,7 +69,7 @@ impl SampleShading {
         match traversal {
             Traversal::Packet => &["shade_samples"],
             Traversal::SingleRay => &[
-                "trace_sun_rays",
+                "intersect_sun_rays",
                 "intersect_light_rays",
                 "shade_light_hits",
                 "shade_path_vertices",
@@ -123,7 +125,7 @@ impl SampleShading {
 #[derive(Debug)]
 pub(in crate::trace) struct Wavefront {
     begin_samples: BeginSamples,
-    trace_sun_rays: TraceSunRays,
+    sun_rays: SunRays,
     generate_light_rays: GenerateLightRays,
     intersect_light_rays: IntersectLightRays,
     shade_light_hits: ShadeLightHits,
@@ -153,7 +155,7 @@ impl Wavefront {
     fn of(program: &Program) -> Result<Self> {
         Ok(Wavefront {
             begin_samples: BeginSamples::of(program)?,
-            trace_sun_rays: TraceSunRays::of(program)?,
+            sun_rays: SunRays::of(program)?,
             generate_light_rays: GenerateLightRays::of(program)?,
             intersect_light_rays: IntersectLightRays::of(program)?,
             shade_light_hits: ShadeLightHits::of(program)?,
@@ -233,17 +235,8 @@ impl Wavefront {
                 .into(),
         );
         let to_sun = rays_to_sun(shading);
-        match &mut hardware {
-            _ if to_sun == 0 => {}
-            Some(by) => events.extend(by.trace_sun_rays(work, states, to_sun)?),
-            None => events.push(
-                self.trace_sun_rays
-                    .launch(
-                        of_samples, scene, camera, shading, samples, first, count, visibility, states,
-                        counters,
-                    )?
-                    .into(),
-            ),
+        if to_sun > 0 {
+            self.sun_rays.enqueue(work, memory, hardware.as_deref_mut(), events)?;
         }
         for first_ray in (0..shading.rays - to_sun).step_by(BATCH) {
             let (rays, queue) = memory.under_way(hardware.as_deref())?;
@@ -265,7 +258,7 @@ impl Wavefront {
             );
             let left = match &mut hardware {
                 Some(by) => {
-                    events.push(by.trace_light_rays(count)?);
+                    events.push(by.trace_rays_of(count, BATCH as u32)?);
                     by.leaves_rays_open()
                 }
                 None => true,
