@@ -10,6 +10,9 @@ cd "$(dirname "$0")/.."
 folder=${1:-target/opencl-drivers}
 mkdir -p "$folder"
 folder=$(cd "$folder" && pwd)
+. scripts/debian-13.sh
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
 say() { echo "opencl-drivers: $*"; }
 
 clc=/tmp/fov-clc
@@ -18,12 +21,8 @@ rusticl() {
   local into=$1 name
   local packages=(mesa-opencl-icd libllvm19 libclang-cpp19 libclang-common-19-dev libllvmspirvlib19.1 libclc-19 libclc-19-dev)
   command -v apt-get >/dev/null && command -v dpkg-deb >/dev/null || { say "rusticl: there is no apt here"; return 1; }
-  grep -q '^25' <<<"$(apt-cache madison mesa-opencl-icd 2>/dev/null | awk '{ print $3 }')" \
-    || { say "rusticl: no Mesa 25 among apt's sources; it is in Debian 13's"; return 1; }
-  local suite=()
-  [[ ! -e /etc/apt/sources.list.d/foveate-trixie.list ]] || suite=(-t trixie)
   mkdir "$into/debs"
-  (cd "$into/debs" && apt-get download -qq -o APT::Sandbox::User=root "${suite[@]}" "${packages[@]}") || return 1
+  list_debian_13 && (cd "$into/debs" && ask download "${packages[@]}") || { say "rusticl: its packages cannot be fetched"; return 1; }
   for name in "$into"/debs/*.deb; do dpkg-deb -x "$name" "$into"; done
   rm -r "$into/debs"
   local libraries=$into/usr/lib/x86_64-linux-gnu

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Other OpenCL compilers than PoCL's: Mesa's rusticl with and without double precision, and Intel's CPU runtime, none of
 # them installed (scripts/opencl-drivers.sh). On each, `foveate devices` has a report, the kernels pass their tests, and a
-# frame of each method is held against PoCL's: how many bytes of the picture differ, and by how much. Without
+# frame of each method by each variant of the kernels is held against the same variant's on PoCL: how many bytes of the picture
+# differ, and by how much. (Variants walk other trees, so that what is left to chance, as glass is, falls otherwise.) Without
 # arguments everything runs; "frames" leaves the kernels' tests out, which take long.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -50,12 +51,15 @@ END
 
 "$foveate" scene generate demo --out "$work/scene.glb" >/dev/null
 render() {
-  "$foveate" render "$work/scene.glb" --out "$1" --width 160 --height 100 --samples 2000 --reconstruct "$2" >/dev/null
+  "$foveate" render "$work/scene.glb" --out "$1" --width 160 --height 100 --samples 2000 --reconstruct "$2" \
+    --set trace.traversal="$3" >/dev/null
 }
-for method in guided k-nn; do render "$work/pocl-$method.png" "$method"; done
+for method in guided k-nn; do
+  for variant in packet single-ray; do render "$work/pocl-$method-$variant.png" "$method" "$variant"; done
+done
 
 check() {
-  local name=$1 folder=$2 method
+  local name=$1 folder=$2 method variant apart
   [[ -e "$drivers/$folder/environment" ]] || { echo "not run: $name could not be had here"; return 0; }
   (
     source "$drivers/$folder/environment"
@@ -64,10 +68,17 @@ check() {
     "$foveate" devices >"$work/devices" || { cat "$work/devices"; exit 1; }
     sed -n "2,3s/^/test-opencl: /p" "$work/devices"
     for method in guided k-nn; do
-      render "$work/$name-$method.png" "$method" || exit 1
-      echo "test-opencl: $name, $method: $(python3 "$work/compare.py" "$work/pocl-$method.png" "$work/$name-$method.png")"
-      python3 "$work/compare.py" "$work/pocl-$method.png" "$work/$name-$method.png" >/dev/null || exit 1
+      for variant in packet single-ray; do
+        # Intel's vectors of work-items find wrong hits (docs/measurements.md): a start notices, and frames have packets.
+        unset CL_CONFIG_CPU_VECTORIZER_MODE
+        [[ $variant == packet || $folder != intel ]] || export CL_CONFIG_CPU_VECTORIZER_MODE=1
+        render "$work/$name.png" "$method" "$variant" || exit 1
+        apart=$(python3 "$work/compare.py" "$work/pocl-$method-$variant.png" "$work/$name.png") || far=1
+        echo "test-opencl: $name, $method, $variant: $apart"
+        [[ -z "${far:-}" ]] || exit 1
+      done
     done
+    unset CL_CONFIG_CPU_VECTORIZER_MODE
     [[ "$what" == frames ]] || cargo test --test kernels || exit 1
   ) || fail "$name falls short, see above"
 }

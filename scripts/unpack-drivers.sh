@@ -9,7 +9,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/places.sh
-suite=trixie
+. scripts/debian-13.sh
 
 say() { echo "unpack-drivers: $*"; }
 fail() { echo "unpack-drivers: $*" >&2; exit 1; }
@@ -34,24 +34,8 @@ have() { grep -qxF "$1" "$folder/asked" 2>/dev/null; }
 wanted=()
 for package in "$@"; do have "$package" || wanted+=("$package"); done
 
-# Asks Debian's archive with lists and caches of its own, so that the system's stay as they are.
-ask() {
-  apt-get -qq -o Dir::Etc::SourceList="$work/sources.list" -o Dir::Etc::SourceParts=/dev/null \
-    -o Dir::Etc::Preferences=/dev/null -o Dir::Etc::PreferencesParts=/dev/null -o Dir::State="$work/state" \
-    -o Dir::State::Status="$work/status" -o Dir::Cache="$work/cache" -o APT::Sandbox::User= \
-    -o Acquire::Languages=none -o APT::Install-Recommends=0 "$@"
-}
-
 fetch() {
-  local keys=/usr/share/keyrings/debian-archive-keyring.gpg mirror
-  [[ -e $keys ]] || fail "Debian's keys are missing; install debian-archive-keyring"
-  # The mirror that this machine already uses for its own release serves the newer one too.
-  mirror=$(apt-get indextargets --format '$(REPO_URI)' "Created-By: Packages" | grep -m 1 '/debian/\?$') ||
-    mirror=http://deb.debian.org/debian
-  mkdir -p "$work/state/lists/partial" "$work/cache/archives/partial"
-  : >"$work/status"
-  echo "deb [signed-by=$keys] $mirror $suite main" >"$work/sources.list"
-  ask update || fail "Debian 13's list of packages cannot be fetched from $mirror"
+  list_debian_13 || fail "see above"
   ask --print-uris -y install "${all[@]}" >"$work/uris"
   say "fetching $(wc -l <"$work/uris") packages of Debian 13, $(awk '{ bytes += $3 } END { printf "%.0f", bytes / 1e6 }' "$work/uris") MB, for ${wanted[*]}"
   ask --download-only -y install "${all[@]}" >/dev/null || fail "not all packages could be fetched; call it again"
