@@ -41,7 +41,7 @@ accuracy: ## Measure each stage of the kernels against double precision, and wha
 	cargo test --test kernels -- --include-ignored --nocapture --test-threads=1 every_stage accuracy_
 
 .PHONY: test-opencl
-test-opencl: ## Kernels and frames on other OpenCL compilers, unpacked aside: rusticl with and without doubles, Intel's; ARGS=frames leaves kernel tests out
+test-opencl: ## Kernels and frames on other OpenCL compilers, unpacked aside: rusticl and Intel's; ARGS=frames leaves kernel tests out
 	@$(need_cargo)
 	scripts/install-packages.sh demo
 	cargo build

@@ -1,5 +1,5 @@
 // Rays that lie in memory, traced by ray queries: what `trace_ray` of shared/traverse.h finds, for all but triangles that let
-// rays pass by their alpha. Rays that meet those are left open, for the kernels of gpu/hardware.cl and gpu/shade.cl.
+// rays pass by their alpha. Rays that meet those are left open, for kernels of gpu/.
 enable wgpu_ray_query;
 
 struct Job {
@@ -29,7 +29,7 @@ var<immediate> job: Job;
 // Work-items in a row of groups: `GROUPS_ACROSS` of src/trace/hardware.rs times the group's size.
 const ROW: u32 = 65536u;
 
-// The planes, and what rays look for: as gpu/shade.cl and gpu/hardware.cl have them.
+// The planes, and what rays look for: as gpu/shade.cl, gpu/sun.cl and gpu/hardware.cl have them.
 const PLANE_SOUGHT: u32 = 0u;
 const PLANE_DIRECTION: u32 = 1u;
 const PLANE_T: u32 = 4u;

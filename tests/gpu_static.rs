@@ -42,11 +42,12 @@ const fn limit(kernel: &'static str, nvidia: [u32; 2], amd: [u32; 2]) -> Limit {
     Limit { kernel, nvidia: cost(nvidia), amd: cost(amd) }
 }
 
-/// What kernels may take: those that trace, those of rays in hardware that trace what is left, and the others.
-const LIMITS: [Limit; 4] = [
+/// What kernels may take: those that do nothing but trace, those of rays in hardware that trace what is left, and the others.
+const LIMITS: [Limit; 5] = [
     limit("trace_", [64, 256], [128, 256]),
     limit("intersect_", [64, 256], [128, 256]),
-    limit("resolve_", [128, 416], [128, 256]),
+    limit("resolve_pixel_", [128, 416], [128, 256]),
+    limit("resolve_sample_", [128, 416], [128, 256]),
     limit("", [128, 256], [128, 256]),
 ];
 

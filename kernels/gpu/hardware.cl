@@ -1,5 +1,5 @@
 // Rays that ray queries trace (../rays.wgsl), where the device that presents has them: kernels lay them out in memory, in the
-// planes of shade.cl, and others take what was found. Rays that meet triangles with alpha come back open, and are traced here.
+// planes of shade.cl, and others take what was found. Rays that meet triangles with alpha come back open, and kernels trace them.
 #if SINGLE_RAYS && HARDWARE_RAYS
 
 // What camera rays look for: the nearest surface seen from its front.

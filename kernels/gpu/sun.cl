@@ -2,7 +2,7 @@
 // `find_blocker` of ../cpu/shade.cl have it, in kernels that hand rays on in the planes of shade.cl. Ray i of sample k of `count`
 // is ray i * count + k.
 //
-//   generate_sun_rays      rays to the disc
+//   generate_sun_rays      rays to the disc, at least one from each sample that is lit: the host sees to that
 //   intersect_sun_rays     which of them get there
 //   generate_blocker_rays  a ray to what hides the disc, where some do not
 //   intersect_sun_rays     what that meets

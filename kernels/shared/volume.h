@@ -4,7 +4,8 @@
 // from a sum (Knuth's six operations) is a float itself, and is kept as the second one (Dekker 1971; Ogita, Rump and
 // Oishi 2005). All steps are exactly antisymmetric, as traverse.h needs them: with p and q exchanged each rounds to the same
 // digits with the other sign. No device needs doubles for it. The error is some 2^-46 of the products' size, that of doubles some
-// 2^-52.
+// 2^-52. Products of two coordinates that are both below 2^-51 of the largest lose digits, and vanish below 2^-63: what is zero
+// counts as inside.
 
 static float2 exact_product(float a, float b)
 {
@@ -35,7 +36,7 @@ static float volume(float3 d, float3 p, float3 q)
     return three.x + (three.y + (two.y + (x.y + (y.y + z.y))));
 }
 
-// A power of two that brings the largest coordinate between 1 and 2, so that no product leaves the range of floats.
+// A power of two that brings the largest coordinate between 1 and 2, so that no product overflows.
 static float scale_of(float3 a, float3 b, float3 c)
 {
     uint exponent = as_uint(max(max(max3(fabs(a)), max3(fabs(b))), max3(fabs(c)))) & 0x7f800000u;

@@ -24,6 +24,7 @@ use crate::isolated::{self, PATIENCE};
 use crate::private_file::{self, user_folder};
 use crate::progress;
 use crate::scene::Features;
+use crate::trace::registers;
 use crate::trace::source::{self, probe_text};
 use crate::trace::{Traversal, Traversals};
 
@@ -206,7 +207,10 @@ fn fastest(times: &[Times], usual: Traversal) -> Traversals {
 fn frames_key(device: &Device, features: &Features, depth: u32, traversals: Traversals) -> u128 {
     let mut hash = Xxh3::new();
     hash.update(&key(device).to_le_bytes());
-    hash.update(source::text().as_bytes());
+    for part in registers::limited(&source::text()) {
+        hash.update(format!("{:?}", part.registers).as_bytes());
+        hash.update(part.text.as_bytes());
+    }
     for traversal in [traversals.pixels, traversals.bundles] {
         hash.update(source::options(device.info(), features, depth, traversal).as_bytes());
         hash.update(&[0]);

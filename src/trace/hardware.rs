@@ -5,7 +5,7 @@
 //! them from there, traces them through an acceleration structure of the scene's triangles, and writes what became of them in
 //! place, as the kernels would have: light rays of both kinds, rays to the sun from pixels and from samples, camera rays of
 //! pixels and of samples, rays of mirrors and those to the sun from what mirrors show. What lays rays out and takes what was
-//! found stays OpenCL's (`kernels/gpu/hardware.cl`), and so do rays that are not handed over: those of edges, glass,
+//! found stays OpenCL's (`kernels/gpu/hardware.cl`, and for samples `shade.cl` and `sun.cl`), and so do rays that are not handed over: those of edges, glass,
 //! punctual lights, paths and the cache of light.
 //!
 //! Acceleration structures know no textures. Triangles that let rays pass by their alpha are no hits there: rays that meet

@@ -48,6 +48,7 @@ impl Program {
         for program in &self.programs {
             match kernel::Kernel::create(program, name) {
                 Ok(kernel) => return Ok(Kernel::new(self.device.clone(), kernel)),
+                Err(ClError(CL_INVALID_KERNEL_NAME)) => {}
                 Err(error) => failed = error,
             }
         }

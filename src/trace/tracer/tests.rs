@@ -1,6 +1,8 @@
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use glam::{DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 
 use super::*;
 use crate::bvh::WideBvh;
@@ -12,6 +14,7 @@ use crate::gpu::opencl::device;
 use crate::layout::SampleRecord;
 use crate::math::view::FieldOfView;
 use crate::reference::{self, known::Sees};
+use crate::scene::animation::{self, Motion};
 use crate::scene::generate::demo;
 use crate::scene::viewpoint::default_viewpoint;
 
@@ -211,6 +214,15 @@ fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
 
 /// In motion samples are sent fewer rays whose surfaces the frame before has seen, as the reference in `f64` has it; all find the
 /// light that so many rays find.
+/// Some of a mesh as a part that moves.
+fn moves(triangles: Range<usize>) -> Motion {
+    let (geometry, local) = (Arc::default(), DMat4::IDENTITY);
+    Motion {
+        parts: vec![animation::Part { geometry, node: 0, local, vertices: 0..0, triangles }],
+        ..Motion::default()
+    }
+}
+
 #[test]
 fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
     let Some(info) = device::list().into_iter().next() else {
@@ -218,7 +230,10 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
         return;
     };
     let device = Device::open(&info).unwrap();
-    let scene = Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap();
+    let mut scene = Scene::from_glb(Path::new("demo.glb"), &demo::generate()).unwrap();
+    // The last third of its triangles is told to move by itself, and does not.
+    let triangles = scene.mesh.triangles.len();
+    scene.motion = Some(moves(2 * triangles / 3..triangles).into());
     let bvh = WideBvh::build(&scene.mesh.positions, &scene.mesh.triangles);
     let (light, _) = environment(&EnvironmentConfig::default(), 0.0).unwrap();
     let features = Features::required_by(&scene, &light);
@@ -277,7 +292,7 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
             let length = before.eye_direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).length();
             (record.depth > 0.0).then(|| f64::from(record.depth) * length)
         };
-        let (mut known, mut unknown, mut undecided) = (0, 0, 0);
+        let (mut known, mut unknown, mut undecided, mut moving) = (0, 0, 0, 0);
         for (index, (&at, record)) in places.iter().zip(&some).enumerate() {
             let pixel = seen[((at >> 16) * now.width + (at & 0xffff)) as usize];
             let sees = Sees {
@@ -287,7 +302,9 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
                 roughness: f64::from(layout::unpack_surface([pixel.base, pixel.surface]).2),
             };
             let reuses = record.toward[0] & layout::SAMPLE_REUSES != 0;
-            let clear = reference::known::known(&now, &before, &sees, distance);
+            let moves = pixel.mapped & layout::SURFACE_MOVES != 0;
+            moving += usize::from(moves);
+            let clear = reference::known::known(&now, &before, &sees, distance).filter(|_| !moves);
             let is_decided = clear.is_none_or(|clear| clear.abs() > 0.05);
             undecided += usize::from(!is_decided || reuses != clear.is_some_and(|clear| clear >= 0.0));
             *(if reuses { &mut known } else { &mut unknown }) += 1;
@@ -295,8 +312,9 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
             alike.toward[0] |= if reuses { layout::SAMPLE_REUSES } else { 0 };
             assert_eq!(*record, alike, "{traversal:?}, sample {index}");
         }
+        assert!(moving > places.len() / 20, "{traversal:?}: {moving}");
         println!(
-            "{traversal:?}: {known} are known, {unknown} not, {undecided} differ from the reference or are close"
+            "{traversal:?}: {known} are known, {unknown} not, {moving} move, {undecided} differ from the reference or are close"
         );
         // A pixel whose point lies at its border is another one by rounding.
         assert!(known > places.len() / 4 && unknown > places.len() / 20, "{traversal:?}: {known} {unknown}");
