@@ -52,6 +52,13 @@ gpu-static: ## What kernels would take of NVIDIA's and AMD's cards, by their com
 	@$(need_cargo)
 	scripts/gpu-static.sh
 
+.PHONY: check-bounds
+check-bounds: ## Kernels' tests with each OpenCL buffer between pages that nobody may touch: what leaves one crashes
+	@$(need_cargo)
+	scripts/install-packages.sh test
+	cargo test --test bounds
+	OPENCL_LAYERS=$(CURDIR)/target/debug/deps/libguarded_buffers.so cargo test --test kernels $(ARGS)
+
 test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
 	@$(need_cargo)
 	scripts/install-packages.sh remote
