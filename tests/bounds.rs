@@ -32,6 +32,22 @@ fn processor() -> Option<DeviceInfo> {
     found
 }
 
+/// This program again, whose kernel leaves its buffer by so much.
+fn child(by: i32, side: &str) -> Output {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["--exact", "a_kernel_that_leaves_its_buffer_ends_the_program"]).env(CHILD, by.to_string());
+    guarded(command, side)
+}
+
+/// Whether the loader of OpenCL takes layers: those before ocl-icd 2.3 do not.
+fn takes_layers() -> bool {
+    let takes = String::from_utf8_lossy(&child(0, "back").stderr).contains(guarded_buffers::ON);
+    if !takes {
+        println!("not run: this machine's loader of OpenCL takes no layers");
+    }
+    takes
+}
+
 fn guarded(mut command: Command, side: &str) -> Output {
     command.env("OPENCL_LAYERS", layer()).env("GUARD", side).output().unwrap()
 }
@@ -50,13 +66,9 @@ fn a_kernel_that_leaves_its_buffer_ends_the_program() {
         assert_eq!(counted, 8, "copied, and counted in place");
         return;
     }
-    let child = |by: i32, side: &str| {
-        let mut command = Command::new(std::env::current_exe().unwrap());
-        command
-            .args(["--exact", "a_kernel_that_leaves_its_buffer_ends_the_program"])
-            .env(CHILD, by.to_string());
-        guarded(command, side)
-    };
+    if !takes_layers() {
+        return;
+    }
     for (by, side, is_inside) in
         [(0, "back", true), (6, "back", true), (7, "back", false), (0, "front", true), (-1, "front", false)]
     {
@@ -79,7 +91,7 @@ fn foveate(folder: &Path, arguments: &str, side: Option<&str>) {
 
 #[test]
 fn kernels_of_frames_stay_inside_of_their_buffers() {
-    if processor().is_none() {
+    if processor().is_none() || !takes_layers() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
