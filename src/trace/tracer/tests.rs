@@ -212,8 +212,6 @@ fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
     }
 }
 
-/// In motion samples are sent fewer rays whose surfaces the frame before has seen, as the reference in `f64` has it; all find the
-/// light that so many rays find.
 /// Some of a mesh as a part that moves.
 fn moves(triangles: Range<usize>) -> Motion {
     let (geometry, local) = (Arc::default(), DMat4::IDENTITY);
@@ -223,6 +221,8 @@ fn moves(triangles: Range<usize>) -> Motion {
     }
 }
 
+/// In motion samples are sent fewer rays whose surfaces the frame before has seen, as the reference in `f64` has it, and not where
+/// they move by themselves; all find the light that so many rays find.
 #[test]
 fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
     let Some(info) = device::list().into_iter().next() else {
