@@ -90,8 +90,9 @@ __kernel void intersect_bundles(SCENE_PARAMETERS, __global const float *origins,
     for (uint i = range.x; i < range.y; ++i)
         for (uint k = 0; k < 32u; ++k) {
             const Stream *rays = &states[i - range.x].rays;
-            HitRecord hit = {rays->triangle[k], rays->t_max[k]};
-            hits[32u * i + k] = hit;
+            // One by one: of a record that a loop has put together Mesa 25's rusticl stores the turn's before.
+            hits[32u * i + k].triangle = rays->triangle[k];
+            hits[32u * i + k].t = rays->t_max[k];
         }
 }
 #endif
