@@ -1,4 +1,4 @@
-//! What frames cost the host beside waiting: `cargo bench --bench host [-- --frames 12 --set trace.rays=8]`.
+//! What frames cost the host beside waiting: `cargo bench --bench host [-- --frames 12 --set devices.profile=false]`.
 //!
 //! Both eyes of the demo scene, with a head that sways and a gaze that holds, in two sizes. Told is the time that processors
 //! spent on the program's own threads: on the one that makes frames, and on those that give OpenCL devices their work; in
@@ -39,7 +39,8 @@ fn main() {
     let config = layers.finish().expect("settings that fit");
     let context = Context::new(&ContextOptions::default()).expect("a Vulkan device");
     let info = device::list().into_iter().find(|d| d.unusable.is_none()).expect("an OpenCL device");
-    let device = Device::open(&info).expect("the OpenCL device");
+    let open = if config.devices.profile { Device::open } else { Device::open_untimed };
+    let device = open(&info).expect("the OpenCL device");
     let loaded = Loaded::from_glb("demo", &generate::demo::generate(), &config).expect("the demo");
     println!("{} (OpenCL), {} (Vulkan), {frames} frames\n", info.name, context.report().name);
     println!("| pixels | samples cross | frames' thread | devices' threads | both | frame | pictures |");

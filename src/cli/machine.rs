@@ -115,8 +115,9 @@ pub fn open(all: &[DeviceInfo], config: &DevicesConfig, presenting: &[u8; 16]) -
             _ => infos.push(all[index].clone()),
         }
     }
+    let open = if config.profile || infos.len() > 1 { Device::open } else { Device::open_untimed };
     // One that refuses is an error where it was asked for, and no loss where others are.
-    let opening = move || infos.iter().map(Device::open).collect::<Vec<_>>();
+    let opening = move || infos.iter().map(open).collect::<Vec<_>>();
     let opened = waiting::ask("OpenCL", "an OpenCL driver", Limits::MOMENTS, opening)?;
     if !config.opencl.is_empty() || opened.iter().all(Result::is_err) {
         return opened.into_iter().collect();

@@ -53,6 +53,33 @@ fn pictures_do_not_depend_on_how_a_processor_is_offered() {
     }
 }
 
+/// Pictures are the same; several devices are timed all the same, since they are balanced by it.
+#[test]
+fn a_device_that_traces_alone_need_not_be_timed() {
+    let folder = folder();
+    let list = foveate(folder.path(), "devices --json").succeeds().json();
+    let timed = |out: &str, options: &str| {
+        let told = foveate(folder.path(), &format!("{MOCK} --frames 3 --out {out} {options}")).succeeds().json();
+        let lines = frames(&folder.path().join(out));
+        let keys = ["trace_ms", "shade_ms"];
+        let of_line = |line: &Value| keys.map(|key| line[key].as_f64().unwrap() > 0.0);
+        let times: Vec<bool> = lines.iter().flat_map(of_line).collect();
+        (times, told["mrays_per_second"].as_f64().unwrap() > 0.0)
+    };
+    assert_eq!(timed("timed", "--devices 0"), (vec![true; 6], true));
+    assert_eq!(timed("untimed", "--devices 0 --set devices.profile=false"), (vec![false; 6], false));
+    for index in 0..3 {
+        let read = |out: &str| std::fs::read(folder.path().join(format!("{out}/frame_{index:04}.png"))).unwrap();
+        assert!(read("timed") == read("untimed"), "picture {index}");
+    }
+    if list["opencl"][0]["kind"] != "cpu" || list["opencl"][0]["compute_units"].as_u64() < Some(2) {
+        println!("not run: the first device cannot be divided");
+        return;
+    }
+    let parts = "--devices 0 --set devices.subdivide=[1,1] --set devices.profile=false";
+    assert_eq!(timed("parts", parts), (vec![true; 6], true));
+}
+
 #[test]
 fn a_run_writes_pictures_sheet_preview_and_a_line_for_each_frame() {
     let folder = folder();

@@ -11,7 +11,7 @@ use opencl3::device::{
 };
 use opencl3::error_codes::ClError;
 use opencl3::platform::{Platform, get_platforms};
-use opencl3::types::{cl_device_id, cl_platform_id};
+use opencl3::types::{cl_command_queue_properties, cl_device_id, cl_platform_id};
 
 use super::code;
 use super::owned::Owned;
@@ -165,7 +165,7 @@ fn uuid(device: device::Device) -> Option<String> {
     (bytes.len() == 16).then(|| bytes.iter().map(|b| format!("{b:02x}")).collect())
 }
 
-/// An open device: a context and an in-order queue with profiling. Cheap to clone.
+/// An open device: a context and an in-order queue. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Device(Arc<Open>);
 
@@ -178,11 +178,24 @@ struct Open {
 }
 
 impl Device {
-    /// Opens a device.
+    /// Opens a device that times what it does: reports tell each stage's time, and devices that share views are balanced
+    /// by theirs.
     ///
     /// # Errors
     /// [`Error::Device`] where it is unusable or the driver refuses a context or queue.
     pub fn open(info: &DeviceInfo) -> Result<Device> {
+        Self::open_with(info, CL_QUEUE_PROFILING_ENABLE)
+    }
+
+    /// The same, of a device that times nothing: drivers have less to do for each launch, and times are 0.
+    ///
+    /// # Errors
+    /// As [`Device::open`].
+    pub fn open_untimed(info: &DeviceInfo) -> Result<Device> {
+        Self::open_with(info, 0)
+    }
+
+    fn open_with(info: &DeviceInfo, properties_of_queue: cl_command_queue_properties) -> Result<Device> {
         let refused = |what: &str, error| Error::Device {
             device: info.name.clone(),
             problem: format!("the driver refuses {what}: {}; leave it out with --devices", code(error)),
@@ -197,10 +210,9 @@ impl Device {
         let context = Context::from_devices(&[info.device.id()], &properties, None, std::ptr::null_mut())
             .map_err(|e| refused("a context", e))?;
         let context = Owned::new(context);
-        // OpenCL 1.2's call, since the newer one does not exist on 1.2 drivers. Kernels are timed whoever wants to know:
-        // reports tell each stage's time, and devices that share views are balanced by theirs.
+        // OpenCL 1.2's call, since the newer one does not exist on 1.2 drivers.
         // SAFETY: the context was made for this device.
-        let queue = unsafe { CommandQueue::create(&context, info.device.id(), CL_QUEUE_PROFILING_ENABLE) }
+        let queue = unsafe { CommandQueue::create(&context, info.device.id(), properties_of_queue) }
             .map_err(|e| refused("a queue", e))?;
         Ok(Device(Arc::new(Open { queue: Owned::new(queue), context, info: info.clone() })))
     }

@@ -168,7 +168,8 @@ impl Event {
         self.0.wait().map_err(|e| device.failed("could not finish its work", e))
     }
 
-    /// The time that the device spent on it, in milliseconds; 0 where the driver does not tell.
+    /// The time that the device spent on it, in milliseconds; 0 where the driver does not tell, or the
+    /// device times nothing.
     /// Call it when it is done.
     pub fn device_ms(&self) -> f64 {
         match (self.0.profiling_command_start(), self.0.profiling_command_end()) {
