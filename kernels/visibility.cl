@@ -94,8 +94,9 @@ static float3 lobe_direction(float3 n, float3 g, float3 view, float roughness, u
     float3 axis = fabs(n.y) < 0.9f ? (float3)(0.0f, 1.0f, 0.0f) : (float3)(1.0f, 0.0f, 0.0f);
     float3 tangent = unit_or(cross(n, axis), n), across = cross(n, tangent);
     // Around by golden angles.
-    float angle = (float)i * 2.3999632f;
-    float3 h = n * cosine + (tangent * cos(angle) + across * sin(angle)) * sine, l = h * (2.0f * dot3(h, view)) - view;
+    float turns = (float)i * 0.38196601f;
+    float2 around = cos_sin_turns(turns - floor(turns)) * sine;
+    float3 h = n * cosine + tangent * around.x + across * around.y, l = h * (2.0f * dot3(h, view)) - view;
     return l - g * (2.0f * min(dot3(l, g), 0.0f));
 }
 

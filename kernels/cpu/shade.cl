@@ -39,9 +39,12 @@ static void aim_stream(const Scene *scene, const Shading *shading, Shaded *shade
     descent.depth = 0;
     before = &descent;
 #endif
+    uint x[8], y[8];
     for (uint i = 0; i < n; ++i) {
+        if (i % 8u == 0u)
+            sobol8(first_point(shading, &shaded->sample) + first_ray + i, seed, x, y);
         LightRay ray;
-        if (!aim_light_ray(scene, shading, &shaded->sample, first_ray + i, seed, before, &ray))
+        if (!aim_light_ray(scene, shading, &shaded->sample, first_ray + i, (uint2)(x[i % 8u], y[i % 8u]), seed, before, &ray))
             continue;
         shaded->weights[i] = ray.weight;
         shaded->indirect[i] = ray.indirect;
@@ -97,12 +100,48 @@ static void trace_streams(const Scene *scene, const Shading *shading, Shaded *sh
 
 static float3 direction_of(const TraversalState *w, uint i) { return (float3)(w->rays.dx[i], w->rays.dy[i], w->rays.dz[i]); }
 
+// What the cache knows at the surfaces that the rays of a stream have met, at most 32; tells at which of them it does. All look
+// at a cell's key in turn, then all at the cells: memory has the time of the others to answer.
+static uint look_up_stream(const Scene *scene, const Shading *shading, const Cache *cache, const Shaded *shaded, const TraversalState *w,
+                           Lookup lookups[32])
+{
+    uint cells[32], asked = 0, known = 0;
+    for (uint left = shaded->hits; left; left &= left - 1u) {
+        uint i = lowest_bit(left);
+        float3 d = direction_of(w, i), p = w->origin + d * w->rays.t_max[i];
+        if (!looks_up_at(shading, cache, p, w->rays.t_max[i], shaded->smooth >> i & 1u))
+            continue;
+        asked |= 1u << i;
+        begin_lookup(cache, p, side_of(scene, w->rays.triangle[i], d), w->rays.t_max[i], &lookups[i]);
+        prefetch_line(cache->keys + bucket_of(lookups[i].key));
+    }
+    for (uint open = asked; open;) {
+        for (uint left = open; left; left &= left - 1u) {
+            uint i = lowest_bit(left);
+            cells[i] = find_cell(cache, lookups[i].key);
+            prefetch_line(cache->cells + (cells[i] == NONE ? 0u : cells[i]));
+        }
+        for (uint left = open; left; left &= left - 1u) {
+            uint i = lowest_bit(left);
+            if (step_lookup(cache, cells[i], &lookups[i])) {
+                prefetch_line(cache->keys + bucket_of(lookups[i].key));
+                continue;
+            }
+            open &= ~(1u << i);
+            known |= (lookups[i].grown >= 0.0f ? 1u : 0u) << i;
+        }
+    }
+    return known;
+}
+
 // Adds the light of a stream that is traced.
 static uint add_stream(const Scene *scene, const Shading *shading, const Cache *cache, Shaded *shaded, uint first_ray, uint seed,
                        TraversalState *w)
 {
     const Sample *sample = &shaded->sample;
     uint all = shaded->straight | shaded->bounced | aimed_rays(shaded), rays = popcount(all);
+    Lookup lookups[32];
+    uint known = look_up_stream(scene, shading, cache, shaded, w, lookups);
     for (uint left = all & ~shaded->lost; left; left &= left - 1u) {
         uint i = lowest_bit(left);
         float3 d = direction_of(w, i), light;
@@ -118,7 +157,8 @@ static uint add_stream(const Scene *scene, const Shading *shading, const Cache *
 #endif
         if (shaded->hits >> i & 1u)
             light = light_of_surface(scene, shading, cache, sample, d, w->rays.triangle[i], w->rays.t_max[i], shaded->indirect[i],
-                                     shaded->smooth >> i & 1u, hash(sample->index * 32u + i + hash(seed + first_ray)), &rays);
+                                     shaded->smooth >> i & 1u, hash(sample->index * 32u + i + hash(seed + first_ray)), known >> i & 1u,
+                                     lookups[i].radiance, &rays);
         else
             light = distant_light(scene, shading, d, sample->surface.occlusion, !shading->guided);
         add_light(sample, &shaded->weights[i], plain, d, light, &shaded->light);

@@ -165,7 +165,8 @@ __kernel void generate_light_rays(SCENE_PARAMETERS, Camera camera, Shading asked
     bool is_used = false;
     if (number < shading.rays && state_at(states, k)->sample.lit) {
         Sample sample = state_at(states, k)->sample;
-        is_used = aim_light_ray(&scene, &shading, &sample, number, camera.seed, 0, &ray);
+        uint2 point = sobol(first_point(&shading, &sample) + number, camera.seed);
+        is_used = aim_light_ray(&scene, &shading, &sample, number, point, camera.seed, 0, &ray);
     }
     *word_of(light_rays, count, PLANE_SOUGHT, at) = is_used ? ray.sought | (ray.smooth ? IS_SMOOTH : 0u) : RAY_UNUSED;
     if (!is_used)

@@ -172,10 +172,9 @@ INLINED static float3 sample_ggx(const Surface *s, float3 view, float2 u)
     frame_around(s->normal, &t, &b);
     float3 in = (float3)(dot3(view, t), dot3(view, b), max(dot3(view, s->normal), 1.0e-4f));
     float3 std = normalize((float3)(in.xy * s->alpha, in.z));
-    float phi = 2.0f * PI * u.x;
     float z = fma(1.0f - u.y, 1.0f + std.z, -std.z);
-    float r = sqrt(clamp(1.0f - z * z, 0.0f, 1.0f));
-    float3 h = (float3)(r * cos(phi), r * sin(phi), z) + std;
+    float2 around = cos_sin_turns(u.x) * sqrt(clamp(1.0f - z * z, 0.0f, 1.0f));
+    float3 h = (float3)(around, z) + std;
     h = normalize((float3)(h.xy * s->alpha, max(h.z, 0.0f)));
     float3 normal = t * h.x + b * h.y + s->normal * h.z;
     return normal * (2.0f * dot3(view, normal)) - view;
@@ -207,8 +206,8 @@ INLINED static float3 sample_diffuse(const Surface *s, float2 u)
 {
     float3 t, b;
     frame_around(s->normal, &t, &b);
-    float r = sqrt(u.y), phi = 2.0f * PI * u.x;
-    return t * (r * cos(phi)) + b * (r * sin(phi)) + s->normal * sqrt(max(1.0f - u.y, 0.0f));
+    float2 around = cos_sin_turns(u.x) * sqrt(u.y);
+    return t * around.x + b * around.y + s->normal * sqrt(max(1.0f - u.y, 0.0f));
 }
 
 INLINED static float diffuse_density(const Surface *s, float3 light) { return max(dot3(s->normal, light), 0.0f) / PI; }

@@ -66,10 +66,13 @@ static uint2 cell_key(int3 at, float3 n, int level)
     return (uint2)(first, max(second, 1u));
 }
 
+// The first of a key's places.
+static uint bucket_of(uint2 key) { return key.x % CACHE_BUCKETS * 16u; }
+
 // The cell with a key, or NONE.
 static uint find_cell(const Cache *cache, uint2 key)
 {
-    uint first = key.x % CACHE_BUCKETS * 16u;
+    uint first = bucket_of(key);
     for (uint i = 0; i < 16u; ++i)
         if (cache->keys[first + i] == key.y)
             return first + i;
@@ -79,7 +82,7 @@ static uint find_cell(const Cache *cache, uint2 key)
 // The same, which takes a free place where there is none; NONE where its bucket is full.
 static uint claim_cell(const Cache *cache, uint2 key)
 {
-    uint found = find_cell(cache, key), first = key.x % CACHE_BUCKETS * 16u;
+    uint found = find_cell(cache, key), first = bucket_of(key);
     for (uint i = 0; found == NONE && i < 16u; ++i) {
         uint old = atomic_cmpxchg(cache->keys + first + i, 0u, key.y);
         found = old == 0u || old == key.y ? first + i : NONE;
@@ -97,36 +100,75 @@ static float grown_cell(const Cache *cache, uint cell, float3 *radiance)
     return grown;
 }
 
-// Radiance that leaves a surface at p on the side of unit n towards something at a distance of t. Surroundings stand in for
-// young cells, and for all that is so far away that it is blurred: a bright spot is then found more often, and is as much
-// dimmer. Tells how far what is used has grown, 0 to 1; negative where walls part even the smallest cell.
+// Light that is looked up at a surface at p on the side of unit n. Surroundings stand in for young cells, and for all that is so
+// far away that it is blurred: a bright spot is then found more often, and is as much dimmer.
+typedef struct {
+    float3 p, n;
+    // The level of the cells there, which of them is looked at, by which key, and as what.
+    int level, looked_at;
+    uint2 key;
+    uint as;
+    // What is known so far, and how far what is used has grown, 0 to 1; negative where walls part even the smallest cell.
+    float3 radiance;
+    float grown;
+} Lookup;
+
+#define AS_BLUR 0u
+#define AS_OWN 1u
+#define AS_SURROUNDINGS 2u
+
+static void look_at(Lookup *l, int level, uint as)
+{
+    l->looked_at = level;
+    l->as = as;
+    l->key = cell_key(cell_place(l->p, l->n, level), l->n, level);
+}
+
+// Begins to look up what is sent towards something at a distance of t.
+static void begin_lookup(const Cache *cache, float3 p, float3 n, float t, Lookup *l)
+{
+    l->p = p;
+    l->n = n;
+    l->level = cell_level(cache, p);
+    bool is_far = t > CACHE_BLURRED * ldexp(1.0f, l->level + CACHE_COARSER);
+    look_at(l, is_far ? l->level + CACHE_COARSER : l->level, is_far ? AS_BLUR : AS_OWN);
+}
+
+// Takes in the cell that is looked at, or NONE; true if another one is to be looked at. Each waits for memory, and most need one.
+static bool step_lookup(const Cache *cache, uint cell, Lookup *l)
+{
+    if (l->as == AS_OWN && cell != NONE && is_split(cache->cells + cell)) {
+        if (l->looked_at > l->level - CACHE_HALVINGS) {
+            look_at(l, l->looked_at - 1, AS_OWN);
+            return true;
+        }
+        l->radiance = 0.0f;
+        l->grown = -1.0f;
+        return false;
+    }
+    float3 radiance;
+    float grown = grown_cell(cache, cell, &radiance);
+    if (l->as == AS_SURROUNDINGS) {
+        l->radiance = l->grown > 0.0f ? (grown > 0.0f ? mix(radiance, l->radiance, l->grown) : l->radiance) : radiance;
+        return false;
+    }
+    l->radiance = radiance;
+    l->grown = grown;
+    if (grown >= 1.0f)
+        return false;
+    look_at(l, l->as == AS_BLUR ? l->level : l->level + CACHE_COARSER, l->as == AS_BLUR ? AS_OWN : AS_SURROUNDINGS);
+    return true;
+}
+
+// Radiance that leaves a surface at p on the side of unit n towards something at a distance of t, and how far it has grown.
 INLINED static float cached_radiance(const Cache *cache, float3 p, float3 n, float t, float3 *radiance)
 {
-    int level = cell_level(cache, p), wide = level + CACHE_COARSER;
-    uint2 coarse = cell_key(cell_place(p, n, wide), n, wide);
-    // Each look at a cell waits for memory: most need one.
-    bool is_far = t > CACHE_BLURRED * ldexp(1.0f, wide);
-    float around = is_far ? grown_cell(cache, find_cell(cache, coarse), radiance) : 0.0f;
-    if (around >= 1.0f)
-        return 1.0f;
-    uint cell;
-    for (int halving = 0;; ++halving) {
-        cell = find_cell(cache, cell_key(cell_place(p, n, level - halving), n, level - halving));
-        if (cell == NONE || !is_split(cache->cells + cell))
-            break;
-        if (halving == CACHE_HALVINGS) {
-            *radiance = 0.0f;
-            return -1.0f;
-        }
-    }
-    float3 own, surroundings;
-    float grown = grown_cell(cache, cell, &own);
-    if (grown < 1.0f) {
-        around = grown_cell(cache, find_cell(cache, coarse), &surroundings);
-        own = grown > 0.0f ? (around > 0.0f ? mix(surroundings, own, grown) : own) : surroundings;
-    }
-    *radiance = own;
-    return grown;
+    Lookup l;
+    begin_lookup(cache, p, n, t, &l);
+    while (step_lookup(cache, find_cell(cache, l.key), &l))
+        ;
+    *radiance = l.radiance;
+    return l.grown;
 }
 
 // A place of the scene as cells know it: the hit at t of a ray on a triangle, and its normal on the ray's side.
@@ -141,16 +183,20 @@ static float3 side_of(const Scene *scene, uint place, float3 d)
 // Whether hits are looked up: not where paths are followed.
 static bool looks_up(const Shading *shading) { return shading->bounces == 0u && shading->cached; }
 
-// Light that the cache knows of at the hit of a ray from `origin`. False where the surface there is looked at instead, and the
-// cache a step later: where the hit is nearer than a quarter of a cell, which would take a corner's light from its surroundings,
-// where walls part cells, and where the ray is a smooth surface's, which shows what it meets.
+// Whether light is looked up at the hit at p of a ray, at a distance of t. Where it is not, and where walls part cells, the surface
+// there is looked at instead, and the cache a step later: where the hit is nearer than a quarter of a cell, which would take a
+// corner's light from its surroundings, and where the ray is a smooth surface's, which shows what it meets.
+static bool looks_up_at(const Shading *shading, const Cache *cache, float3 p, float t, bool is_smooth)
+{
+    return looks_up(shading) && !is_smooth && t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p));
+}
+
+// Light that the cache knows of at the hit of a ray from `origin`, if it does.
 INLINED static bool light_known(const Scene *scene, const Shading *shading, const Cache *cache, float3 origin, float3 d, uint place,
                                 float t, bool is_smooth, float3 *radiance)
 {
-    if (!looks_up(shading) || is_smooth)
-        return false;
     float3 p = origin + d * t;
-    return t > CACHE_NEAR * ldexp(1.0f, cell_level(cache, p)) && cached_radiance(cache, p, side_of(scene, place, d), t, radiance) >= 0.0f;
+    return looks_up_at(shading, cache, p, t, is_smooth) && cached_radiance(cache, p, side_of(scene, place, d), t, radiance) >= 0.0f;
 }
 
 // The width at t of the cone of a path's ray, by t: wide, since what a bounce sees is blurred by the next one.

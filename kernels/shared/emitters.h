@@ -7,28 +7,58 @@
 // Nodes below the root on any way: see LightTree::new.
 #define LIGHT_TREE_DEPTH 32u
 
-// cos(max(a - b, 0)) and its sine, for angles between 0 and pi.
-static float cos_of_rest(float2 a, float2 b) { return a.x > b.x ? 1.0f : a.x * b.x + a.y * b.y; }
-static float sin_of_rest(float2 a, float2 b) { return a.x > b.x ? 0.0f : a.y * b.x - a.x * b.y; }
+// The cosine and the sine of an angle between 0 and pi, for each of two nodes.
+typedef struct {
+    float2 cosine, sine;
+} Angles;
 
-static float2 with_sine(float cosine) { return (float2)(cosine, sqrt(max(1.0f - cosine * cosine, 0.0f))); }
-
-// How much light a node may send to a surface at p with unit normal n, up to a common factor (pbrt-v4, 12.6.3).
-static float node_importance(__global const LightNode *node, float3 p, float3 n)
+static Angles angles_of(float2 cosine)
 {
-    float3 lower = gload3(node->lower), upper = gload3(node->upper);
-    float3 half_size = (upper - lower) * 0.5f, to = lower + half_size - p;
-    float radius2 = dot3(half_size, half_size), distance2 = dot3(to, to);
-    float3 direction = unit_or(to, n);
+    Angles angles = {cosine, sqrt(max(1.0f - cosine * cosine, 0.0f))};
+    return angles;
+}
+
+// cos(max(a - b, 0)), and its sine.
+static float2 cos_of_rest(Angles a, Angles b) { return a.cosine > b.cosine ? 1.0f : a.cosine * b.cosine + a.sine * b.sine; }
+static float2 sin_of_rest(Angles a, Angles b) { return a.cosine > b.cosine ? 0.0f : a.sine * b.cosine - a.cosine * b.sine; }
+
+// Vectors of two nodes.
+typedef struct {
+    float2 x, y, z;
+} Pair;
+
+static Pair pair_of(__global const float *a, __global const float *b)
+{
+    Pair pair = {(float2)(a[0], b[0]), (float2)(a[1], b[1]), (float2)(a[2], b[2])};
+    return pair;
+}
+
+static float2 dot_pairs(Pair a, Pair b) { return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z)); }
+
+// How much light two nodes may send to a surface at p with unit normal n, up to a common factor (pbrt-v4, 12.6.3). Both at once,
+// since they are always weighed against each other.
+static float2 node_importances(__global const LightNode *first, __global const LightNode *second, float3 p, float3 n)
+{
+    Pair lower = pair_of(first->lower, second->lower), upper = pair_of(first->upper, second->upper);
+    Pair half_size = {(upper.x - lower.x) * 0.5f, (upper.y - lower.y) * 0.5f, (upper.z - lower.z) * 0.5f};
+    Pair to = {lower.x + half_size.x - p.x, lower.y + half_size.y - p.y, lower.z + half_size.z - p.z};
+    float2 radius2 = dot_pairs(half_size, half_size), distance2 = dot_pairs(to, to);
+    // In the middle of a node all directions are as good.
+    int2 elsewhere = distance2 > 0.0f;
+    float2 scale = 1.0f / sqrt(elsewhere ? distance2 : 1.0f);
+    Pair direction = {elsewhere ? to.x * scale : n.x, elsewhere ? to.y * scale : n.y, elsewhere ? to.z * scale : n.z};
+    Pair normal = {n.x, n.y, n.z}, axis = pair_of(first->axis, second->axis);
     // The cone in which the box is seen; all directions from inside of its sphere.
-    float2 seen = distance2 <= radius2 ? (float2)(-1.0f, 0.0f) : with_sine(sqrt(1.0f - radius2 / distance2));
-    float2 off_axis = with_sine(clamp(-dot3(gload3(node->axis), direction), -1.0f, 1.0f)), spread = with_sine(node->cos_spread);
-    float2 beyond = (float2)(cos_of_rest(off_axis, spread), sin_of_rest(off_axis, spread));
-    float leaves = cos_of_rest(beyond, seen);
-    float arrives = cos_of_rest(with_sine(clamp(dot3(n, direction), -1.0f, 1.0f)), seen);
-    if (!(leaves > 0.0f && arrives > 0.0f))
-        return 0.0f;
-    return node->power * leaves * arrives / max(distance2, max(radius2, 1.0e-12f));
+    int2 outside = distance2 > radius2;
+    float2 within = outside ? radius2 / distance2 : 0.0f;
+    Angles seen = {outside ? sqrt(1.0f - within) : -1.0f, outside ? sqrt(within) : 0.0f};
+    Angles off_axis = angles_of(clamp(-dot_pairs(axis, direction), -1.0f, 1.0f));
+    Angles spread = angles_of((float2)(first->cos_spread, second->cos_spread));
+    Angles beyond = {cos_of_rest(off_axis, spread), sin_of_rest(off_axis, spread)};
+    float2 leaves = cos_of_rest(beyond, seen);
+    float2 arrives = cos_of_rest(angles_of(clamp(dot_pairs(normal, direction), -1.0f, 1.0f)), seen);
+    float2 sent = (float2)(first->power, second->power) * leaves * arrives / max(distance2, max(radius2, 1.0e-12f));
+    return leaves > 0.0f && arrives > 0.0f ? sent : 0.0f;
 }
 
 // Bounds of the share of a surface's light rays that are aimed at emitters: the sky may be hidden from it, and emitters may.
@@ -40,7 +70,7 @@ static float emitter_share(const Scene *scene, const Shading *shading, const Sur
 {
     if (shading->light_nodes == 0u)
         return 0.0f;
-    float emitted = node_importance(scene->light_nodes, s->position, s->normal) / PI;
+    float emitted = node_importances(scene->light_nodes, scene->light_nodes, s->position, s->normal).x / PI;
     if (!(emitted > 0.0f))
         return 0.0f;
     return max(MOST_EMITTER_SHARE * emitted / (emitted + shading->environment_irradiance), LEAST_EMITTER_SHARE);
@@ -49,8 +79,8 @@ static float emitter_share(const Scene *scene, const Shading *shading, const Sur
 // The chance that the first of a node's children is taken; negative where neither sends anything.
 static float first_chance(const Scene *scene, uint node, uint second, float3 p, float3 n)
 {
-    float a = node_importance(scene->light_nodes + node + 1u, p, n), b = node_importance(scene->light_nodes + second, p, n);
-    return a + b > 0.0f ? a / (a + b) : -1.0f;
+    float2 sent = node_importances(scene->light_nodes + node + 1u, scene->light_nodes + second, p, n);
+    return sent.x + sent.y > 0.0f ? sent.x / (sent.x + sent.y) : -1.0f;
 }
 
 // Nodes from the root to the last emitter that was chosen for a surface. Numbers in [lower, upper) lead to a node, and

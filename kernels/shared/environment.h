@@ -84,8 +84,8 @@ static float3 sample_sun(const Shading *shading, float2 u)
     float3 s = load3(shading->sun_direction), t, b;
     frame_around(s, &t, &b);
     float one_minus = u.y * shading->sun_one_minus_cos;
-    float r = sqrt(one_minus * (2.0f - one_minus)), phi = 2.0f * PI * u.x;
-    return t * (r * cos(phi)) + b * (r * sin(phi)) + s * (1.0f - one_minus);
+    float2 around = cos_sin_turns(u.x) * sqrt(one_minus * (2.0f - one_minus));
+    return t * around.x + b * around.y + s * (1.0f - one_minus);
 }
 
 static float sun_density(const Shading *shading) { return 1.0f / (2.0f * PI * shading->sun_one_minus_cos); }

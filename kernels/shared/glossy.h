@@ -82,17 +82,18 @@ static uint mirror_rays(float3 n, float3 view, float roughness, float3 f0)
 }
 #endif
 
-// By how much more a surface with normal n is lit than one that faces nowhere, for light of one colour whose directions'
-// mean is `toward`, which is shorter the more it comes from everywhere (Hazel 2017, from first-order spherical harmonics).
-// Never so little that nothing can be divided by it.
-static float directional_share(float3 toward, float3 n)
+// By how much more a surface with normal n is lit than one that faces nowhere, by light of three colours: `toward` are the
+// means of their directions, which are shorter the more it comes from everywhere (Hazel 2017, from first-order spherical
+// harmonics). Never so little that nothing can be divided by it.
+static float3 directional_shares(const float3 toward[3], float3 n)
 {
-    float length = min(sqrt(dot3(toward, toward)), 1.0f);
-    if (!(length > 0.0f))
-        return 1.0f;
-    float q = clamp(0.5f + 0.5f * dot3(toward, n) / length, 0.0f, 1.0f);
-    float even = (1.0f - length) / (1.0f + length), power = 1.0f + 2.0f * length;
-    return max(even + (1.0f - even) * (power + 1.0f) * pow(q, power), 0.1f);
+    float3 square = (float3)(dot3(toward[0], toward[0]), dot3(toward[1], toward[1]), dot3(toward[2], toward[2]));
+    float3 along = (float3)(dot3(toward[0], n), dot3(toward[1], n), dot3(toward[2], n)), length = min(sqrt(square), 1.0f);
+    float3 q = clamp(0.5f + 0.5f * along / max(length, 1.0e-20f), 0.0f, 1.0f);
+    float3 even = (1.0f - length) / (1.0f + length), power = 1.0f + 2.0f * length;
+    // A power by logarithms: powers of 3 at most of what is at most 1 lose nothing that is seen.
+    float3 shares = max(even + (1.0f - even) * (power + 1.0f) * exp2(power * log2(q)), 0.1f);
+    return length > 0.0f ? shares : (float3)(1.0f);
 }
 
 // The mean of directions that are weighted by what they bring, `sum`, without the length that it has because they are few:

@@ -60,10 +60,9 @@ static float3 sample_facets(const Facets *f, float3 view, float2 u)
     float3 v = into(f, view);
     v.z = max(v.z, 1.0e-4f);
     float3 std = normalize((float3)(v.xy * f->alpha, v.z));
-    float phi = 2.0f * PI * u.x;
     float z = fma(1.0f - u.y, 1.0f + std.z, -std.z);
-    float r = sqrt(clamp(1.0f - z * z, 0.0f, 1.0f));
-    float3 h = (float3)(r * cos(phi), r * sin(phi), z) + std;
+    float2 around = cos_sin_turns(u.x) * sqrt(clamp(1.0f - z * z, 0.0f, 1.0f));
+    float3 h = (float3)(around, z) + std;
     h = normalize((float3)(h.xy * f->alpha, max(h.z, 0.0f)));
     float3 normal = f->x * h.x + f->y * h.y + f->z * h.z;
     return normal * (2.0f * dot3(view, normal)) - view;

@@ -114,6 +114,9 @@ static float2 cos_sin_pi(float t)
     return (float2)(turn == 1 || turn == 2 ? -swapped.x : swapped.x, turn >= 2 ? -swapped.y : swapped.y);
 }
 
+// The cosine and the sine of u turns, u in [0, 1].
+static float2 cos_sin_turns(float u) { return -cos_sin_pi(2.0f * u - 1.0f); }
+
 static uint lowest_bit(uint v) { return 31u - clz(v & (0u - v)); }
 static uint lowest_bit64(ulong v) { return 63u - (uint)clz(v & (0ul - v)); }
 

@@ -118,15 +118,18 @@ static bool finds_surfaces(const Shading *shading)
 // Below this GGX alpha a surface shows what it reflects.
 #define SMOOTH_ALPHA 0.1f
 
-// Sets a sample's light ray of that number; false where it would bring nothing. `descent`: of the sample's rays before it, or none.
-INLINED static bool aim_light_ray(const Scene *scene, const Shading *shading, const Sample *sample, uint number, uint seed, Descent *descent, LightRay *ray)
+// Where a sample's light rays begin in the sequence of points that they are aimed by.
+static uint first_point(const Shading *shading, const Sample *sample) { return sample->index * shading->rays; }
+
+// Sets a sample's light ray of that number, aimed by its point u; false where it would bring nothing. `descent`: of the sample's
+// rays before it, or none.
+INLINED static bool aim_light_ray(const Scene *scene, const Shading *shading, const Sample *sample, uint number, uint2 u, uint seed, Descent *descent, LightRay *ray)
 {
     const Surface *s = &sample->surface;
     const Mixture *m = &sample->mixture;
     uint index = sample->index;
     float rotation = fraction(hash(index ^ hash(seed + 7u)));
     float select = min(((float)number + rotation) / (float)shading->rays, 0.9999999f);
-    uint2 u = sobol(index * shading->rays + number, seed);
     ray->target = NONE;
     ray->indirect = 0.0f;
     ray->smooth = false;
@@ -165,9 +168,16 @@ INLINED static bool aim_light_ray(const Scene *scene, const Shading *shading, co
 // counts by their density; emitters' light by that of rays aimed at them, too.
 INLINED static float3 own_light_of(const Scene *scene, const Shading *shading, const Sample *sample, float3 d, uint place, float t)
 {
+#if HAS_EMITTERS
+    // Few hits are emitters: for the others no density is found.
+    if (emitter_of(scene, shading, place) == NONE)
+        return 0.0f;
     const Mixture *m = &sample->mixture;
     float reflected = reflected_density(&sample->surface, m, sample->view, d) * looking_share(shading);
     return emission_met(scene, shading, &sample->surface, sample->origin, d, place, t, reflected, m->emitters);
+#else
+    return 0.0f;
+#endif
 }
 
 // Whether surfaces send on what they are lit by.
@@ -180,14 +190,18 @@ static float3 sent_on(const Shading *shading, const Cache *cache, bool is_smooth
 }
 
 #if !SINGLE_RAYS
-// The light of a ray, which the surface has sent that it has met at t.
+// The light of a ray, which the surface has sent that it has met at t; `known`: what the cache knows of it, where it does.
 INLINED static float3 light_of_surface(const Scene *scene, const Shading *shading, const Cache *cache, const Sample *sample,
-                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, uint *rays)
+                                       float3 d, uint place, float t, float indirect, bool is_smooth, uint chance, bool is_known,
+                                       float3 known, uint *rays)
 {
     float3 light = own_light_of(scene, shading, sample, d, place, t);
-    if (sends_light_on(shading))
-        light += sent_on(shading, cache, is_smooth,
-                         light_of_hit(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, rays));
+    if (sends_light_on(shading)) {
+        float3 found = known;
+        if (!is_known)
+            found = light_of_path(scene, shading, cache, sample->origin, d, place, t, is_smooth, chance, rays);
+        light += sent_on(shading, cache, is_smooth, found);
+    }
     return light * indirect;
 }
 #endif
@@ -351,15 +365,16 @@ INLINED static uint add_glass_light(const Scene *scene, const Shading *shading, 
 // Takes the mapped normal's shares out of a sample's diffuse light, and packs where light comes from: see SampleRecord.
 INLINED static void divide_direction_out(const Sample *sample, SampleLight *light, uint packed[3])
 {
-    float shares[3], squares[3] = {light->toward_squares.x, light->toward_squares.y, light->toward_squares.z};
+    float squares[3] = {light->toward_squares.x, light->toward_squares.y, light->toward_squares.z};
+    float3 known[3];
 #pragma unroll
     for (uint i = 0; i < 3u; ++i) {
         float4 sum = light->toward[i];
         float3 toward = sum.w > 0.0f ? mean_direction(sum, squares[i]) : (float3)(0.0f);
         packed[i] = pack_toward(all_finite(toward) ? toward : (float3)(0.0f));
-        shares[i] = directional_share(unpack_toward(packed[i]), sample->surface.normal);
+        known[i] = unpack_toward(packed[i]);
     }
-    light->sum.diffuse /= (float3)(shares[0], shares[1], shares[2]);
+    light->sum.diffuse /= directional_shares(known, sample->surface.normal);
     packed[0] |= IS_MAPPED;
 }
 #endif

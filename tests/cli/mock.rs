@@ -59,7 +59,8 @@ fn a_device_that_traces_alone_need_not_be_timed() {
     let folder = folder();
     let list = foveate(folder.path(), "devices --json").succeeds().json();
     let timed = |out: &str, options: &str| {
-        let told = foveate(folder.path(), &format!("{MOCK} --frames 3 --out {out} {options}")).succeeds().json();
+        let told =
+            foveate(folder.path(), &format!("{MOCK} --frames 3 --out {out} {options}")).succeeds().json();
         let lines = frames(&folder.path().join(out));
         let keys = ["trace_ms", "shade_ms"];
         let of_line = |line: &Value| keys.map(|key| line[key].as_f64().unwrap() > 0.0);
@@ -69,7 +70,8 @@ fn a_device_that_traces_alone_need_not_be_timed() {
     assert_eq!(timed("timed", "--devices 0"), (vec![true; 6], true));
     assert_eq!(timed("untimed", "--devices 0 --set devices.profile=false"), (vec![false; 6], false));
     for index in 0..3 {
-        let read = |out: &str| std::fs::read(folder.path().join(format!("{out}/frame_{index:04}.png"))).unwrap();
+        let read =
+            |out: &str| std::fs::read(folder.path().join(format!("{out}/frame_{index:04}.png"))).unwrap();
         assert!(read("timed") == read("untimed"), "picture {index}");
     }
     if list["opencl"][0]["kind"] != "cpu" || list["opencl"][0]["compute_units"].as_u64() < Some(2) {
