@@ -29,7 +29,7 @@ pub struct SampleRecord {
     /// On a surface with a normal map, with guided reconstruction, for red, green and blue: the mean of the directions, as of many rays,
     /// from which such light comes, as three 10-bit snorms, x in the low bits; and [`super::IS_MAPPED`] in the first. `first`
     /// is then divided by how much more of this light falls on the mapped normal than on one that faces nowhere
-    /// (`directional_share` of glossy.h), which each pixel multiplies back for its own. Elsewhere 0, but for
+    /// (`directional_shares` of glossy.h), which each pixel multiplies back for its own. Elsewhere 0, but for
     /// [`super::SAMPLE_REUSES`] in the first, and the high two bits of the second and the third: with guided reconstruction these tell everywhere how noisy the light is
     /// ([`super::noise_code`]).
     pub toward: [u32; 3],
