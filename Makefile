@@ -59,6 +59,13 @@ check-bounds: ## Kernels' tests with each OpenCL buffer between pages that nobod
 	cargo test --test bounds
 	OPENCL_LAYERS=$(CURDIR)/target/debug/deps/libguarded_buffers.so cargo test --test kernels $(ARGS)
 
+.PHONY: check-races
+check-races: ## Kernels under Oclgrind, which tells of races, and of what leaves buffers; some minutes
+	@$(need_cargo)
+	scripts/install-packages.sh test
+	cargo build
+	scripts/check-races.sh
+
 test-remote: ## Build PoCL-R, and share frames with two servers on this machine, one of which is killed
 	@$(need_cargo)
 	scripts/install-packages.sh remote

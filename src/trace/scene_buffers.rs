@@ -316,16 +316,17 @@ impl SceneBuffers {
         }
         data.check_fit(device, traversals)?;
         Ok(SceneBuffers {
-            wide: (traversals.contain(Traversal::Packet).then(|| Buffer::from_slice(device, &data.nodes)))
+            // What moves is written by kernels, where devices deform it: nodes, leaves, normals and tangents.
+            wide: (traversals.contain(Traversal::Packet).then(|| Buffer::changing(device, &data.nodes)))
                 .transpose()?,
             compact: (traversals
                 .contain(Traversal::SingleRay)
-                .then(|| Buffer::from_slice(device, data.compact())))
+                .then(|| Buffer::changing(device, data.compact())))
             .transpose()?,
-            leaves: Buffer::from_slice(device, &data.leaves)?,
+            leaves: Buffer::changing(device, &data.leaves)?,
             triangles: Buffer::from_slice(device, &data.triangles)?,
-            normals: Buffer::from_slice(device, &data.normals)?,
-            tangents: may(device, &data.tangents)?,
+            normals: Buffer::changing(device, &data.normals)?,
+            tangents: (data.tangents.as_ref().map(|t| Buffer::changing(device, t))).transpose()?,
             uvs: [may(device, &data.uvs[0])?, may(device, &data.uvs[1])?],
             colors: may(device, &data.colors)?,
             materials: Buffer::from_slice(device, &data.materials)?,

@@ -429,7 +429,7 @@ impl Tracer {
 
 /// Hits that nothing was traced for: a kernel that reads one by mistake finds no triangle to follow.
 fn untraced(device: &Device, count: usize) -> Result<Buffer<HitRecord>> {
-    Buffer::from_slice(device, &vec![HitRecord { triangle: UNTRACED, t: 0.0 }; count])
+    Buffer::changing(device, &vec![HitRecord { triangle: UNTRACED, t: 0.0 }; count])
 }
 
 #[cfg(test)]

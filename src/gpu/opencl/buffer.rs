@@ -28,14 +28,27 @@ pub struct Buffer<T> {
 }
 
 impl<T: Pod> Buffer<T> {
-    /// A buffer with a copy of `data`. Empty data makes a buffer of one zeroed element.
+    /// A buffer with a copy of `data`, which kernels only read: what they write to it is undefined. Empty data makes a buffer
+    /// of one zeroed element.
     ///
     /// # Errors
     /// [`crate::Error::Device`] where the device has no room for it.
     pub fn from_slice(device: &Device, data: &[T]) -> Result<Self> {
+        Self::copied(device, memory::CL_MEM_READ_ONLY, data)
+    }
+
+    /// The same for kernels that write to it, too.
+    ///
+    /// # Errors
+    /// As [`Buffer::from_slice`].
+    pub fn changing(device: &Device, data: &[T]) -> Result<Self> {
+        Self::copied(device, memory::CL_MEM_READ_WRITE, data)
+    }
+
+    fn copied(device: &Device, access: u64, data: &[T]) -> Result<Self> {
         let zero = [T::zeroed()];
         let data = if data.is_empty() { &zero[..] } else { data };
-        let flags = memory::CL_MEM_READ_ONLY | memory::CL_MEM_COPY_HOST_PTR;
+        let flags = access | memory::CL_MEM_COPY_HOST_PTR;
         Self::create(device, flags, data.len(), data.as_ptr() as *mut c_void)
     }
 
