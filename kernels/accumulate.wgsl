@@ -228,18 +228,63 @@ fn point_before(here: Point, mapped: u32, roughness: f32) -> Before {
     return Before(before, longest, alike_after_motion(here, before, roughness));
 }
 
+// Where diffuse light comes from, for each of its colours: sums of directions as SampleRecord has them, weighted by light, and
+// of that light. Means are made by light, as a sample's own are: dark estimates say little of where light comes from.
+struct Toward {
+    red: vec3<f32>,
+    green: vec3<f32>,
+    blue: vec3<f32>,
+    light: vec3<f32>,
+}
+
+fn add_toward(sum: ptr<function, Toward>, light: vec3<f32>, toward: vec3<u32>) {
+    if (toward.x & IS_MAPPED) == 0u {
+        return;
+    }
+    (*sum).red += light.x * unpack_toward(toward.x);
+    (*sum).green += light.y * unpack_toward(toward.y);
+    (*sum).blue += light.z * unpack_toward(toward.z);
+    (*sum).light += light;
+}
+
+fn add_toward_sum(sum: ptr<function, Toward>, scale: f32, other: Toward) {
+    (*sum).red += scale * other.red;
+    (*sum).green += scale * other.green;
+    (*sum).blue += scale * other.blue;
+    (*sum).light += scale * other.light;
+}
+
+fn no_toward() -> Toward {
+    return Toward(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+}
+
+// The means, in the low 30 bits; what `fresh` has of colours of which no light is known, and its other bits.
+fn mean_toward(sum: Toward, fresh: vec3<u32>) -> vec3<u32> {
+    let light = max(sum.light, vec3(1e-30));
+    let mean = vec3(pack_toward(sum.red / light.x), pack_toward(sum.green / light.y), pack_toward(sum.blue / light.z));
+    let known = select(fresh & vec3(0x3fffffffu), mean, sum.light > vec3(1e-30));
+    return known | (fresh & vec3(0xc0000000u));
+}
+
 struct Found {
     first: vec3<f32>,
     second: vec3<f32>,
     history: History,
     weight: f32,
     agreement: f32,
+    toward: Toward,
 }
 
-// What the view's last frame has accumulated for a point, weighted means.
-fn look_back(point: Point, sun_centre: u32) -> Found {
+fn nothing_found() -> Found {
+    return Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, no_toward());
+}
+
+// What the view's last frame has accumulated for a point, weighted means; where its light comes from if it is `directed`.
+fn look_back(point: Point, sun_centre: u32, directed: bool) -> Found {
     let source = sources[0].last;
-    var found = Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0);
+    var found = nothing_found();
+    // Kept apart, since it is added to by a function.
+    var toward = no_toward();
     let at = seen_at(source, point.point);
     if at.x < -0.5 {
         return found;
@@ -263,6 +308,9 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
         let weight = near * select(OTHER_SIDE, 1.0, is_same_side || parameters.light_changes == 0u);
         found.first += weight * bitcast<vec3<f32>>(first.xyz);
         found.second += weight * bitcast<vec3<f32>>(second.xyz);
+        if directed {
+            add_toward(&toward, weight * bitcast<vec3<f32>>(first.xyz), last_records[3u * index + 2u].xyz);
+        }
         found.history.diffuse_age += weight * history.diffuse_age;
         found.history.specular_age += weight * history.specular_age;
         found.history.fast += weight * history.fast;
@@ -286,6 +334,9 @@ fn look_back(point: Point, sun_centre: u32) -> Found {
     let believed = scale * trust;
     found.first *= scale;
     found.second *= scale;
+    var mean = no_toward();
+    add_toward_sum(&mean, scale, toward);
+    found.toward = mean;
     found.history.diffuse_age *= believed;
     found.history.specular_age *= believed;
     found.history.fast *= scale;
@@ -302,9 +353,9 @@ fn what_it_had(index: u32) -> Found {
     let first = last_records[3u * index];
     let second = last_records[3u * index + 1u];
     if !is_usable(first, second) {
-        return Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0);
+        return nothing_found();
     }
-    return Found(bitcast<vec3<f32>>(first.xyz), bitcast<vec3<f32>>(second.xyz), last_histories[index], 1.0, 1.0);
+    return Found(bitcast<vec3<f32>>(first.xyz), bitcast<vec3<f32>>(second.xyz), last_histories[index], 1.0, 1.0, no_toward());
 }
 
 struct Shared {
@@ -312,12 +363,14 @@ struct Shared {
     second: vec3<f32>,
     // Up to 1: how much of an estimate of this eye's own it is worth.
     weight: f32,
+    toward: Toward,
 }
 
-// What the other eye has just found for a point.
-fn look_across(point: Point) -> Shared {
+// What the other eye has just found for a point, as `look_back`.
+fn look_across(point: Point, directed: bool) -> Shared {
     let source = sources[0].other;
-    var shared_light = Shared(vec3(0.0), vec3(0.0), 0.0);
+    var shared_light = Shared(vec3(0.0), vec3(0.0), 0.0, no_toward());
+    var toward = no_toward();
     let at = seen_at(source, point.point);
     if at.x < -0.5 {
         return shared_light;
@@ -337,15 +390,18 @@ fn look_across(point: Point) -> Shared {
         }
         shared_light.first += weight * bitcast<vec3<f32>>(first.xyz);
         shared_light.second += weight * bitcast<vec3<f32>>(second.xyz);
+        if directed {
+            add_toward(&toward, weight * bitcast<vec3<f32>>(first.xyz), other_fresh[3u * index + 2u].xyz);
+        }
         sum += weight;
         agreed = max(agreed, agree);
     }
-    if agreed > LEAST_AGREEMENT {
-        shared_light = Shared(shared_light.first / sum, shared_light.second / sum, agreed);
-    } else {
-        shared_light = Shared(vec3(0.0), vec3(0.0), 0.0);
+    if !(agreed > LEAST_AGREEMENT) {
+        return Shared(vec3(0.0), vec3(0.0), 0.0, no_toward());
     }
-    return shared_light;
+    var mean = no_toward();
+    add_toward_sum(&mean, 1.0 / sum, toward);
+    return Shared(shared_light.first / sum, shared_light.second / sum, agreed, mean);
 }
 
 // Mean brightness of this frame's samples around one on its surface, where light changes on its side of the sun's shadow
@@ -392,8 +448,10 @@ fn followed(last: History, around: vec2<f32>, longest: f32) -> History {
     history.slow = mix(last.slow, value, rate);
     let differ = history.fast - history.slow;
     let forgiven = UNNOTICED * last.slow;
-    // By the variance without this value: a change would hide behind its own.
-    let limit = DEVIATIONS * DEVIATIONS * (FAST_VARIANCE * last.variance) + forgiven * forgiven;
+    // By the variance without this value: a change would hide behind its own. But where few of the neighbours have found much,
+    // chance has: a mean that such a find ended would begin with it, and light would be brighter than it is.
+    let own_variance = FAST_RATE * FAST_RATE * max(around.y, 0.0);
+    let limit = DEVIATIONS * DEVIATIONS * (FAST_VARIANCE * last.variance + own_variance) + forgiven * forgiven;
     let spread = max(around.y, PAST_SHARE * last.variance) * (1.0 + rate);
     let is_sudden = off * off > SUDDEN * SUDDEN * spread + forgiven * forgiven;
     let tells_more = parameters.light_changes != 0u && around.y >= 0.0;
@@ -426,7 +484,7 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let second = fresh[3u * id.x + 1u];
     records[3u * id.x] = first;
     records[3u * id.x + 1u] = second;
-    // What the pixel expects to mirror, and where light comes from, are this frame's.
+    // What the pixel expects to mirror is this frame's.
     records[3u * id.x + 2u] = fresh[3u * id.x + 2u] & vec4(~SAMPLE_REUSES, ~0u, ~0u, ~0u);
     histories[id.x] = History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     // A sample that waits for its turn has no estimate of its own, and the negative of its depth.
@@ -450,14 +508,16 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let longest = before.longest;
     let sun_centre = second.w >> 24u & 1u;
 
+    let toward_fresh = fresh[3u * id.x + 2u].xyz & vec3(~SAMPLE_REUSES, ~0u, ~0u);
+    let directed = toward_fresh.x != 0u;
     var found: Found;
     if waits {
         found = what_it_had(id.x);
     } else {
-        found = look_back(before.point, sun_centre);
+        found = look_back(before.point, sun_centre, directed);
     }
     let across = sources[0].other.offset.xyz;
-    let lent = look_across(Point(here.at, here.point + across, normal, width));
+    let lent = look_across(Point(here.at, here.point + across, normal, width), directed);
     let lent_specular = lent.weight * alike_reflection(here.point, across, roughness);
 
     let value = brightness_around(id.x, here, sun_centre);
@@ -488,13 +548,21 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let glossy_estimates = own + lent_specular;
     let light = (own * bitcast<vec3<f32>>(first.xyz) + lent.weight * lent.first) / max(estimates, LEAST_WEIGHT);
     let gloss = (own * bitcast<vec3<f32>>(second.xyz) + lent_specular * lent.second) / max(glossy_estimates, LEAST_WEIGHT);
-    let diffuse = mix(found.first, light, min(estimates / diffuse_age, 1.0));
+    let part = min(estimates / diffuse_age, 1.0);
+    let diffuse = mix(found.first, light, part);
     let specular = mix(found.second, gloss, min(glossy_estimates / max(specular_age, LEAST_WEIGHT), 1.0));
     let sun_byte = u32(round(shadow)) << 1u | sun_centre;
     records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), bitcast<u32>(depth));
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
-    let toward_fresh = fresh[3u * id.x + 2u].xyz & vec3(~SAMPLE_REUSES, ~0u, ~0u);
-    var toward = with_less_noise(toward_fresh, min(diffuse_age, specular_age) / max(own, 1.0));
+    var toward = toward_fresh;
+    if directed {
+        var sum = no_toward();
+        add_toward_sum(&sum, 1.0 - part, found.toward);
+        add_toward_sum(&sum, part * lent.weight / max(estimates, LEAST_WEIGHT), lent.toward);
+        add_toward(&sum, part * own / max(estimates, LEAST_WEIGHT) * bitcast<vec3<f32>>(first.xyz), toward_fresh);
+        toward = mean_toward(sum, toward_fresh);
+    }
+    toward = with_less_noise(toward, min(diffuse_age, specular_age) / max(own, 1.0));
     if waits {
         toward = select(NOWHERE, last_records[3u * id.x + 2u].xyz, found.weight > 0.0);
     }

@@ -86,12 +86,17 @@ fn magnified(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
 }
 
 fn color_at(at: vec2<f32>) -> vec4<f32> {
+    let color = encode(radiance_at(at));
+    // Where nothing is drawn over the picture, nothing is read for it.
+    if !is_overlaid() {
+        return color;
+    }
     let nearest = floor(at + 0.5);
     let spacing = warp[0].spacing;
     let picture = vec2(picture_point(spacing.columns, at.x), picture_point(spacing.rows, at.y));
     let centre = vec2(picture_point(spacing.columns, nearest.x), picture_point(spacing.rows, nearest.y));
     let own = positions[indices[place_of(at)]] == (u32(nearest.x) | u32(nearest.y) << 16u);
-    return overlaid(encode(radiance_at(at)), picture, own && all(abs(picture - centre) < vec2(0.5001)));
+    return overlaid(color, picture, own && all(abs(picture - centre) < vec2(0.5001)));
 }
 
 @fragment

@@ -10,7 +10,7 @@ cd "$(dirname "$0")/.."
 folder=${1:-target/opencl-drivers}
 mkdir -p "$folder"
 folder=$(cd "$folder" && pwd)
-. scripts/debian-13.sh
+. scripts/debian.sh
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 say() { echo "opencl-drivers: $*"; }
@@ -22,7 +22,7 @@ rusticl() {
   local packages=(mesa-opencl-icd libllvm19 libclang-cpp19 libclang-common-19-dev libllvmspirvlib19.1 libclc-19 libclc-19-dev)
   command -v apt-get >/dev/null && command -v dpkg-deb >/dev/null || { say "rusticl: there is no apt here"; return 1; }
   mkdir "$into/debs"
-  list_debian_13 && (cd "$into/debs" && ask download "${packages[@]}") || { say "rusticl: its packages cannot be fetched"; return 1; }
+  list_debian trixie && (cd "$into/debs" && ask download "${packages[@]}") || { say "rusticl: its packages cannot be fetched"; return 1; }
   for name in "$into"/debs/*.deb; do dpkg-deb -x "$name" "$into"; done
   rm -r "$into/debs"
   local libraries=$into/usr/lib/x86_64-linux-gnu

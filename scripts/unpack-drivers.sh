@@ -9,7 +9,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/places.sh
-. scripts/debian-13.sh
+. scripts/debian.sh
 
 say() { echo "unpack-drivers: $*"; }
 fail() { echo "unpack-drivers: $*" >&2; exit 1; }
@@ -35,7 +35,7 @@ wanted=()
 for package in "$@"; do have "$package" || wanted+=("$package"); done
 
 fetch() {
-  list_debian_13 || fail "see above"
+  list_debian trixie || fail "see above"
   ask --print-uris -y install "${all[@]}" >"$work/uris"
   say "fetching $(wc -l <"$work/uris") packages of Debian 13, $(awk '{ bytes += $3 } END { printf "%.0f", bytes / 1e6 }' "$work/uris") MB, for ${wanted[*]}"
   ask --download-only -y install "${all[@]}" >/dev/null || fail "not all packages could be fetched; call it again"

@@ -92,8 +92,7 @@ static float3 directional_shares(const float3 toward[3], float3 n)
     float3 q = clamp(0.5f + 0.5f * along / max(length, 1.0e-20f), 0.0f, 1.0f);
     float3 even = (1.0f - length) / (1.0f + length), power = 1.0f + 2.0f * length;
     // A power by logarithms: powers of 3 at most of what is at most 1 lose nothing that is seen.
-    float3 shares = max(even + (1.0f - even) * (power + 1.0f) * exp2(power * log2(q)), 0.1f);
-    return length > 0.0f ? shares : (float3)(1.0f);
+    return max(even + (1.0f - even) * (power + 1.0f) * exp2(power * log2(q)), 0.1f);
 }
 
 // The mean of directions that are weighted by what they bring, `sum`, without the length that it has because they are few:

@@ -7,12 +7,16 @@ const SHOW_RAYS = 4u;
 const RING = 10.0;
 const GRID = 8.0;
 
+fn is_overlaid() -> bool {
+    return warp[0].overlay.z != 0.0;
+}
+
 // `picture` is the pixel's, `sampled` whether a sample lies in it.
 fn overlaid(color: vec4<f32>, picture: vec2<f32>, sampled: bool) -> vec4<f32> {
-    let shown = u32(warp[0].overlay.z);
-    if shown == 0u {
+    if !is_overlaid() {
         return color;
     }
+    let shown = u32(warp[0].overlay.z);
     var mixed = color.xyz;
     let before = cell_of(picture - 0.5);
     if (shown & SHOW_RAYS) != 0u && any(cell_of(picture + 0.5) != before) {

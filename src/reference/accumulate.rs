@@ -4,9 +4,11 @@ use glam::{DMat4, DVec2, DVec3};
 
 use super::reconstruct::nearest;
 use crate::math::view::View;
-use look_up::{agreement, before, look_across, look_back, what_it_had};
+use look_up::{Found, agreement, before, look_across, look_back, what_it_had};
+use toward::Toward;
 
 mod look_up;
+mod toward;
 
 /// Share of demodulated specular light that counts as brightness.
 pub const SPECULAR_SHARE: f64 = 0.1;
@@ -56,6 +58,9 @@ pub struct Sample {
     pub diffuse: DVec3,
     /// Specular light.
     pub specular: DVec3,
+    /// Where diffuse light of each colour comes from, within the unit sphere, where that is known: see
+    /// [`crate::layout::SampleRecord::toward`].
+    pub toward: Option<[DVec3; 3]>,
     /// Depth along the view's axis in metres; not above 0 where there is no surface.
     pub depth: f64,
     /// Unit normal in world orientation, without normal maps.
@@ -173,25 +178,27 @@ fn one(
     }
     let point = point_of(view, &sample);
     let lent = other.and_then(|kept| look_across(kept, view, &sample, point, settings));
-    let (lent_light, lent_gloss, lent_weight, lent_gloss_weight) = lent.unwrap_or_default();
+    let lent = lent.unwrap_or_default();
+    let [lent_weight, lent_gloss_weight] = lent.weights;
     let (value, error) = brightness_around(view, fresh, index, settings);
     let past = last.map(|kept| before(kept, view, &sample, point, settings));
     let unknown = if sample.motion == Motion::Still { settings.longest } else { 1.0 };
     let longest = past.as_ref().map_or(unknown, |past| past.longest);
     let mut history = History { fast: value, slow: value, ..History::default() };
     let mut found = (sample.diffuse, sample.specular, 0.0);
-    if let Some((past, (diffuse, specular, shadow, old))) = last.zip(past).and_then(|(kept, past)| {
-        let old = match waits {
-            true => what_it_had(kept, index),
-            false => look_back(kept, view, &sample, &past, settings),
-        };
-        old.map(|old| (past, old))
-    }) {
+    let mut found_toward = Toward::default();
+    if let Some((past, Found { diffuse, specular, toward, blocker: shadow, history: old })) =
+        last.zip(past).and_then(|(kept, past)| {
+            let old = match waits {
+                true => what_it_had(kept, index),
+                false => look_back(kept, view, &sample, &past, settings),
+            };
+            old.map(|old| (past, old))
+        })
+    {
         history = match waits {
             true => old,
-            false => {
-                followed(&old, value, error.filter(|_| settings.light_changes), (longest, settings.estimates))
-            }
+            false => followed(&old, (value, error), longest, settings),
         };
         let kept = match sample.motion == Motion::Still || waits {
             true => 1.0,
@@ -200,6 +207,7 @@ fn one(
         history.ages[0] *= kept;
         history.ages[1] *= kept * past.alike_reflection;
         found = (diffuse, specular, shadow);
+        found_toward = toward;
     }
     if waits && history.ages[0] + lent_weight <= 0.0 {
         return (sample, History::default());
@@ -207,8 +215,9 @@ fn one(
     let (estimates, glossy_estimates) = (own + lent_weight, own + lent_gloss_weight);
     let ages =
         [(history.ages[0] + estimates).min(longest), (history.ages[1] + glossy_estimates).min(longest)];
-    let light = (sample.diffuse * own + lent_light * lent_weight) / estimates.max(LEAST_WEIGHT);
-    let gloss = (sample.specular * own + lent_gloss * lent_gloss_weight) / glossy_estimates.max(LEAST_WEIGHT);
+    let light = (sample.diffuse * own + lent.diffuse * lent_weight) / estimates.max(LEAST_WEIGHT);
+    let gloss =
+        (sample.specular * own + lent.specular * lent_gloss_weight) / glossy_estimates.max(LEAST_WEIGHT);
     let confidence = if waits { history.confidence } else { CONFIDENCE_KEPT * history.confidence };
     let is_kept = history.ages[0] > 0.0 && confidence > LEAST_CONFIDENCE;
     let kept_shadow = if is_kept { found.2 } else { 0.0 };
@@ -221,8 +230,23 @@ fn one(
         (true, true) => kept_shadow + (sample.blocker - kept_shadow) * (own / ages[0]).min(1.0),
         _ => sample.blocker.max(kept_shadow),
     };
+    let part = (estimates / ages[0]).min(1.0);
+    let toward = match (waits, sample.toward) {
+        (true, _) => last.and_then(|kept| kept.samples.get(index)).and_then(|had| had.toward),
+        (false, None) => None,
+        (false, Some(fresh)) => {
+            let of_estimate = part / estimates.max(LEAST_WEIGHT);
+            let parts = [
+                (1.0 - part, found_toward),
+                (of_estimate * lent_weight, lent.toward),
+                (of_estimate * own, toward::of(&sample)),
+            ];
+            Some(toward::mean(&toward::sum(parts), fresh))
+        }
+    };
     let mixed = Sample {
-        diffuse: found.0.lerp(light, (estimates / ages[0]).min(1.0)),
+        diffuse: found.0.lerp(light, part),
+        toward,
         specular: found.1.lerp(gloss, (glossy_estimates / ages[1].max(LEAST_WEIGHT)).min(1.0)),
         blocker,
         estimates: 1.0,
@@ -294,7 +318,12 @@ fn brightness_around(view: &View, fresh: &[Sample], index: usize, settings: &Set
 }
 
 /// The means with one more value; where they tell that light has changed, all estimates begin anew.
-fn followed(last: &History, value: f64, error: Option<f64>, (longest, estimates): (f64, f64)) -> History {
+fn followed(
+    last: &History,
+    (value, error): (f64, Option<f64>),
+    longest: f64,
+    &Settings { light_changes, estimates, .. }: &Settings,
+) -> History {
     let rate = 1.0 / (last.ages[0].min(longest) + 1.0);
     let mix = |from: f64, to: f64, rate: f64| from + (to - from) * rate;
     let mut history = History {
@@ -304,11 +333,12 @@ fn followed(last: &History, value: f64, error: Option<f64>, (longest, estimates)
         variance: last.variance,
         confidence: last.confidence,
     };
-    let of_fast = FAST_RATE / (2.0 - FAST_RATE) * last.variance;
+    // Where few of the neighbours have found much, chance has.
+    let of_fast = FAST_RATE / (2.0 - FAST_RATE) * last.variance + FAST_RATE.powi(2) * error.unwrap_or(0.0);
     let limit = DEVIATIONS.powi(2) * of_fast + (UNNOTICED * last.slow).powi(2);
     let spread = |error: f64| error.max(PAST_SHARE * last.variance) * (1.0 + rate);
     let sudden = |error: f64| SUDDEN.powi(2) * spread(error) + (UNNOTICED * last.slow).powi(2);
-    let is_sudden = error.is_some_and(|error| (value - last.slow).powi(2) > sudden(error));
+    let is_sudden = light_changes && error.is_some_and(|error| (value - last.slow).powi(2) > sudden(error));
     let telling = TELLING.max((TELLING * estimates).min(0.5 * longest));
     if (last.ages[0] >= telling && (history.fast - history.slow).powi(2) > limit) || is_sudden {
         History { ages: [0.0; 2], fast: value, slow: value, ..history }

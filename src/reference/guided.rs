@@ -111,7 +111,8 @@ fn emission(packed: u32) -> DVec3 {
     DVec3::from(unpack_emission(packed).map(f64::from))
 }
 
-fn toward(packed: [u32; 3]) -> Option<[DVec3; 3]> {
+/// Where a sample's light comes from, for each colour, as [`SampleRecord::toward`] has it; none where that is not known.
+pub fn toward(packed: [u32; 3]) -> Option<[DVec3; 3]> {
     let axis = |packed: u32, shift: u32| f64::from((packed << shift) as i32 >> 22) / 511.0;
     let vector = |packed: u32| DVec3::new(axis(packed, 22), axis(packed, 12), axis(packed, 2));
     (packed[0] & IS_MAPPED != 0).then(|| packed.map(vector))

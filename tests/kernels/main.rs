@@ -17,6 +17,7 @@ mod hardware_mirrors;
 mod hardware_moving;
 mod hits;
 mod instances;
+mod lookups;
 mod penumbra;
 mod pictures;
 mod radiance;

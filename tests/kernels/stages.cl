@@ -81,3 +81,48 @@ __kernel void stage_sun(Shading shading, __global const uint *u, uint count, __g
     float3 d = sample_sun(&shading, (float2)(fraction(u[2u * i]), fraction(u[2u * i + 1u])));
     vstore4((float4)(d, inside_sun(&shading, d) ? 1.0f : 0.0f), i, found);
 }
+
+// Of each pair of a light tree's nodes how much light both may send to a point with a normal.
+__kernel void stage_importance(__global const LightNode *nodes, __global const float *points, __global const float *normals,
+                               uint count, __global float *found)
+{
+    uint i = (uint)get_global_id(0);
+    if (i >= count)
+        return;
+    vstore2(node_importances(nodes + 2u * i, nodes + 2u * i + 1u, vload3(i, points), vload3(i, normals)), i, found);
+}
+
+// Streams of 32 rays that meet triangles at distances of t: for each ray where that is, the triangle's normal, whether the
+// cache knows what is sent from there and what, and both again by what looks a whole stream up.
+__kernel void stage_lookup(SCENE_PARAMETERS, Shading shading, __global uint *keys, __global CacheCell *cells, float least,
+                           __global const float *origins, __global const float *directions, __global const uint *places,
+                           __global const float *distances, __global const uint *smooth, uint count, __global float *found)
+{
+    Scene scene = SCENE_ARGUMENTS;
+    uint stream = (uint)get_global_id(0);
+    if (stream >= count)
+        return;
+    Cache cache = {keys, cells, 0, 0.0f, least, INFINITY};
+    Shaded shaded;
+    TraversalState w;
+    w.origin = vload3(stream, origins);
+    shaded.hits = 0xffffffffu;
+    shaded.smooth = smooth[stream];
+    for (uint i = 0; i < 32u; ++i) {
+        uint ray = 32u * stream + i;
+        set_ray(&w.rays, i, vload3(ray, directions), distances[ray]);
+        w.rays.triangle[i] = places[ray];
+    }
+    Lookup lookups[32];
+    uint known = look_up_stream(&scene, &shading, &cache, &shaded, &w, lookups);
+    for (uint i = 0; i < 32u; ++i) {
+        uint ray = 32u * stream + i;
+        float3 d = vload3(ray, directions), p = w.origin + d * distances[ray], radiance = 0.0f;
+        bool is_known = light_known(&scene, &shading, &cache, w.origin, d, places[ray], distances[ray], shaded.smooth >> i & 1u, &radiance);
+        vstore3(p, 5u * ray, found);
+        vstore3(side_of(&scene, places[ray], d), 5u * ray + 1u, found);
+        vstore3((float3)(is_known ? 1.0f : 0.0f, known >> i & 1u ? 1.0f : 0.0f, 0.0f), 5u * ray + 2u, found);
+        vstore3(is_known ? radiance : 0.0f, 5u * ray + 3u, found);
+        vstore3(known >> i & 1u ? lookups[i].radiance : 0.0f, 5u * ray + 4u, found);
+    }
+}

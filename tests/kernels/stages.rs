@@ -56,11 +56,11 @@ impl Worst {
 pub struct Stages<'a> {
     device: &'a Device,
     program: Program,
-    buffers: SceneBuffers,
+    pub buffers: SceneBuffers,
 }
 
 impl<'a> Stages<'a> {
-    fn new(device: &'a Device, scene: &Scene, bvh: &WideBvh, light: &Environment) -> Self {
+    pub fn new(device: &'a Device, scene: &Scene, bvh: &WideBvh, light: &Environment) -> Self {
         Self::with_text(device, scene, bvh, light, &source::text())
     }
 
@@ -83,7 +83,7 @@ impl<'a> Stages<'a> {
     }
 
     /// Runs a stage over `count` items and reads what it wrote.
-    fn run<T: bytemuck::Pod>(
+    pub fn run<T: bytemuck::Pod>(
         &self,
         kernel: &str,
         scene: bool,
@@ -114,7 +114,7 @@ impl<'a> Stages<'a> {
     }
 }
 
-fn exact(v: [f32; 3]) -> DVec3 {
+pub fn exact(v: [f32; 3]) -> DVec3 {
     DVec3::from(v.map(f64::from))
 }
 
@@ -501,6 +501,7 @@ fn every_stage_keeps_its_error_bound() {
         rows.push(packed_normals());
         rows.extend(reflections(&stages));
         rows.extend(environment(device));
+        rows.push(crate::lookups::importances(&stages, device));
         rows.extend(crate::shown::rows());
         print(&rows);
         let failed: Vec<String> = rows

@@ -5,13 +5,15 @@ use glam::{DMat4, DQuat, DVec2, DVec3};
 use super::*;
 use crate::gpu::vulkan::{Format, Image, testing};
 use crate::layout::{
-    SAMPLE_REUSES, SURFACE_MOVER, SURFACE_MOVES, TURN_SAMPLES, VisibilityRecord, pack_normal24,
+    IS_MAPPED, SAMPLE_REUSES, SURFACE_MOVER, SURFACE_MOVES, TURN_SAMPLES, VisibilityRecord, noise_code,
+    pack_normal24,
 };
 use crate::math::pose::Pose;
 use crate::math::spacing::{Axis, Spacing};
 use crate::math::view::FieldOfView;
 use crate::reconstruct::{Frame, Mode, Output, Reconstruction, Settings};
 use crate::reference::accumulate::{self, Motion, Sample};
+use crate::reference::guided::toward;
 use crate::trace::Turn;
 
 mod rest;
@@ -65,9 +67,17 @@ fn scattered(count: u32) -> Vec<u32> {
     samples
 }
 
-/// Words of a record that say how noisy it is, and nothing of a normal map.
-fn noise_of(code: u32) -> [u32; 3] {
-    [0, code << 30, code >> 2 << 30]
+/// Words of a record that say how noisy it is, and of most from where light comes: for each colour from another side.
+fn toward_of(code: u32, chance: impl Fn(u32) -> f32) -> [u32; 3] {
+    let axis = |part| (2.0 * chance(part) - 1.0) * 0.57;
+    let pack = |v: [f32; 3]| {
+        let [x, y, z] = v.map(|v| (v * 511.0).round() as i32 as u32 & 1023);
+        x | y << 10 | z << 20
+    };
+    let direction = |color: u32| pack([0u32, 1, 2].map(|part| axis(8 + 3 * color + part)));
+    let [red, green, blue] = if chance(2) < 0.7 { [0, 1, 2].map(direction) } else { [0; 3] };
+    let mark = if chance(2) < 0.7 { IS_MAPPED } else { 0 };
+    [red | mark, green | code << 30, blue | code >> 2 << 30]
 }
 
 /// What a frame traces at a sample: light with noise, a part of the sun, now and then something not finite.
@@ -75,7 +85,7 @@ fn traced(view: &View, packed: u32, frame: u32, index: usize) -> SampleRecord {
     let at = [packed & 0xffff, packed >> 16];
     let (depth, normal) = seen(view, at);
     let hash = |i: u32| (i.wrapping_mul(0x9e37_79b9) ^ 0x5bd1_e995).wrapping_mul(0x85eb_ca6b) >> 8;
-    let chance = |part: u32| hash(frame * 40_000 + index as u32 * 16 + part) as f32 / (1 << 24) as f32;
+    let chance = |part: u32| hash(frame * 40_000 + index as u32 * 32 + part) as f32 / (1 << 24) as f32;
     // From the seventh frame on there is a quarter of the light.
     let light = if frame < 6 { 4.0 } else { 1.0 };
     let value = |part: u32| light * (0.5 + chance(part));
@@ -88,7 +98,7 @@ fn traced(view: &View, packed: u32, frame: u32, index: usize) -> SampleRecord {
         depth: depth as f32,
         second: [value(4), value(5), value(6)],
         normal,
-        toward: noise_of(index as u32 % 16),
+        toward: toward_of(index as u32 % 16, chance),
         ..SampleRecord::default()
     }
 }
@@ -99,6 +109,7 @@ fn as_reference(record: &SampleRecord, packed: u32) -> Sample {
         at: [packed & 0xffff, packed >> 16],
         diffuse: color(record.first),
         specular: color(record.second),
+        toward: toward(record.toward),
         depth: f64::from(record.depth),
         normal: DVec3::from(crate::layout::unpack_normal24(record.normal).map(f64::from)),
         blocker: f64::from(record.normal >> 25),
@@ -233,7 +244,7 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
     let mut kept: [Option<accumulate::Kept>; 2] = [None, None];
     let mut lent: [Option<accumulate::Kept>; 2] = [None, None];
     let mut towards: [Vec<[u32; 3]>; 2] = [Vec::new(), Vec::new()];
-    let (mut waited, mut holes) = (0, 0);
+    let (mut waited, mut holes, mut directed) = (0, 0, 0);
     let (mut compared, mut along, mut carried, mut cut, mut undecided, mut quieter) = (0, 0, 0, 0, 0, 0);
     for frame in 0..9 {
         for eye_index in 0..2 {
@@ -294,6 +305,15 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
                 assert!(aged[0] < 0.02 && aged[1] < 0.02, "{place:?}: {aged:?}");
                 assert!((found.diffuse - twin.diffuse).length() < 0.01, "{place:?}: {found:?} {twin:?}");
                 assert!((found.specular - twin.specular).length() < 0.01, "{place:?}: {found:?} {twin:?}");
+                if !waits(index, turn) {
+                    assert_eq!(found.toward.is_some(), twin.toward.is_some(), "{place:?}");
+                    // Each axis is one of 1023 numbers, before and after.
+                    let off =
+                        found.toward.zip(twin.toward).map(|(a, b)| [0, 1, 2].map(|c| (a[c] - b[c]).length()));
+                    let most = off.unwrap_or_default().into_iter().fold(0.0, f64::max);
+                    assert!(most < 0.003, "{place:?}: {:?} {:?}", found.toward, twin.toward);
+                    directed += usize::from(off.is_some() && ages[index].ages[0] > 3.0);
+                }
                 let confidence = f64::from(histories[index][6]);
                 assert!((confidence - ages[index].confidence).abs() < 0.01, "{place:?}: {confidence}");
                 let own = if moves { 1.0 } else { of_own(index) };
@@ -316,7 +336,7 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
                 let limit = (age.log2() / 1.5).fract();
                 quieter += usize::from(expected > code && !waits);
                 assert!(
-                    waits || record.toward == noise_of(expected) || !(1e-3..0.999).contains(&limit),
+                    waits || noise_code(record.toward) == expected || !(1e-3..0.999).contains(&limit),
                     "{place:?}: {:x?}, age {age}",
                     record.toward
                 );
@@ -348,6 +368,7 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
             lent[eye_index] = Some(accumulate::Kept { view, samples: twins, histories: Vec::new() });
         }
     }
+    assert!(directed > 300, "{directed} samples know where the light of several frames comes from");
     if turn(7) != Turn::ALL {
         assert!(compared > 3000 && waited > 1500 && holes > 5, "{compared} {waited} {holes}");
         return testing::assert_valid(&context);

@@ -2,9 +2,10 @@
 
 use glam::{DVec2, DVec3};
 
+use super::toward::Toward;
 use super::{
     Before, ELSEWHERE, ENOUGH_ON_SIDE, History, Kept, LEAST_AGREEMENT, MOVING_LONGEST, MOVING_TURN, Motion,
-    OTHER_SIDE, SAME_PLACE, Sample, Settings, offset, pixel_width, point_of, usable,
+    OTHER_SIDE, SAME_PLACE, Sample, Settings, offset, pixel_width, point_of, toward, usable,
 };
 use crate::math::view::View;
 use crate::reference::reconstruct::{Neighbour, nearest};
@@ -106,7 +107,29 @@ fn agreed(found: &[(usize, f64, f64)]) -> f64 {
     found.iter().map(|(_, agree, _)| *agree).fold(0.0, f64::max)
 }
 
-type Found = (DVec3, DVec3, f64, History);
+/// What the last frame has for a point.
+pub(super) struct Found {
+    pub diffuse: DVec3,
+    pub specular: DVec3,
+    pub toward: Toward,
+    pub blocker: f64,
+    pub history: History,
+}
+
+/// What the other eye has: `weights` tells how many estimates of diffuse and of specular light it is worth.
+#[derive(Default)]
+pub(super) struct Lent {
+    pub diffuse: DVec3,
+    pub specular: DVec3,
+    pub toward: Toward,
+    pub weights: [f64; 2],
+}
+
+/// The weighted mean of where samples' light comes from.
+fn mean_toward(kept: &Kept, found: &[(usize, f64, f64)]) -> Toward {
+    let sum: f64 = found.iter().map(|(.., weight)| weight).sum();
+    toward::sum(found.iter().map(|&(index, _, weight)| (weight / sum, toward::of(&kept.samples[index]))))
+}
 
 pub(super) fn look_back(
     kept: &Kept,
@@ -150,13 +173,19 @@ pub(super) fn look_back(
     };
     let (diffuse, specular) =
         (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
-    Some((diffuse, specular, shadow, history))
+    Some(Found { diffuse, specular, toward: mean_toward(kept, &found), blocker: shadow, history })
 }
 
 /// What the same sample had in the last frame, whose pattern was the same.
 pub(super) fn what_it_had(kept: &Kept, index: usize) -> Option<Found> {
     let had = kept.samples.get(index).filter(|had| usable(had))?;
-    Some((had.diffuse, had.specular, had.blocker, kept.histories[index]))
+    Some(Found {
+        diffuse: had.diffuse,
+        specular: had.specular,
+        toward: toward::of(had),
+        blocker: had.blocker,
+        history: kept.histories[index],
+    })
 }
 
 /// Diffuse and specular light of the other eye, and what they are worth.
@@ -166,7 +195,7 @@ pub(super) fn look_across(
     sample: &Sample,
     point: DVec3,
     settings: &Settings,
-) -> Option<(DVec3, DVec3, f64, f64)> {
+) -> Option<Lent> {
     let found = around(kept, view, sample, (point + offset(view, &kept.view), sample.normal), settings);
     let agreed = agreed(&found);
     if agreed <= LEAST_AGREEMENT {
@@ -179,5 +208,6 @@ pub(super) fn look_across(
     let alike = alike_reflection(point, offset(view, &kept.view), sample.roughness);
     let (diffuse, specular) =
         (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
-    Some((diffuse, specular, agreed, agreed * alike))
+    let toward = mean_toward(kept, &found);
+    Some(Lent { diffuse, specular, toward, weights: [agreed, agreed * alike] })
 }

@@ -34,6 +34,7 @@ fn wall(view: &View, light: impl Fn(DVec3) -> f64) -> Vec<Sample> {
                 at,
                 diffuse,
                 specular,
+                toward: None,
                 depth,
                 normal: DVec3::Z,
                 blocker: 0.0,
@@ -62,6 +63,34 @@ fn run(frames: u32, views: impl Fn(u32) -> View, light: impl Fn(u32, DVec3) -> f
         kept = Some(Kept { view, samples, histories });
     }
     kept.expect("a frame")
+}
+
+/// What is found seldom is bright: means that ended where it is would begin with it, and pictures would be brighter than light is.
+#[test]
+fn light_that_is_seldom_found_is_as_bright_as_it_is() {
+    let turning = |frame: u32| view(DVec3::ZERO, 0.3 * (0.05 * f64::from(frame)).sin());
+    for light_changes in [false, true] {
+        let settings = Settings { light_changes, ..SETTINGS };
+        let (mut kept, mut seed): (Option<Kept>, u64) = (None, 11);
+        let (mut fresh_mean, mut mean) = (0.0, 0.0);
+        for frame in 0..400 {
+            let view = turning(frame);
+            let mut fresh = wall(&view, |_| 1.0);
+            fresh
+                .iter_mut()
+                .for_each(|sample| sample.diffuse *= if noise(&mut seed) < 0.01 { 100.0 } else { 0.0 });
+            let found = fresh.iter().map(|sample| sample.diffuse.x).sum::<f64>() / fresh.len() as f64;
+            let (samples, histories) = accumulate(&view, &fresh, kept.as_ref(), None, &settings);
+            let now = Kept { view, samples, histories };
+            if frame >= 40 {
+                (fresh_mean, mean) = (fresh_mean + found / 360.0, mean + (1.0 + error(&now, 1.0).0) / 360.0);
+            }
+            kept = Some(now);
+        }
+        let mean = mean / fresh_mean;
+        println!("{mean} where light changes: {light_changes}");
+        assert!((mean - 1.0).abs() < 0.06, "{mean} where light changes: {light_changes}");
+    }
 }
 
 fn error(kept: &Kept, truth: f64) -> (f64, f64) {
