@@ -99,6 +99,7 @@ fn seen(tracer: &Tracer, view: &View, count: usize) -> Vec<Sample> {
             at,
             diffuse: DVec3::ONE,
             specular: DVec3::ZERO,
+            toward: None,
             depth: hit.map_or(0.0, |hit| hit.t * ray.direction.dot(ahead)),
             normal: surface.as_ref().map_or(DVec3::Z, |surface| surface.horizon),
             blocker: 0.0,

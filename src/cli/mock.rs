@@ -212,7 +212,8 @@ impl Session<'_> {
         let mut link = Link { headset: &mut headset, draw: &mut renderer, observer: &mut ledger };
         let warm = frame_loop.warm_up(&mut link, 2)?;
         drop(warming);
-        renderer.forget();
+        // However many frames have warmed up, pictures are the same.
+        renderer.restart();
         let count = frames(warm.frame_ms).max(1);
         renderer.meter().set_pace(seconds / f64::from(count));
 

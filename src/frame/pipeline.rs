@@ -88,6 +88,7 @@ pub struct Renderer {
     output: Output,
     /// Steps of the cache of light so far, and those that the next view makes.
     light: u64,
+    light_restarts: u32,
     light_steps: u64,
     /// What moves, how fast from which time on, and where it is.
     moving: Option<MovingScene>,
@@ -404,6 +405,12 @@ impl Renderer {
     /// The next frames find nothing of those before: after a cut, or where each frame has to stand for itself.
     pub fn forget(&mut self) {
         self.reconstruction.forget();
+    }
+
+    /// The next frame is as the first one: nothing is known of frames before, nor of the light that they have brought.
+    pub fn restart(&mut self) {
+        self.forget();
+        (self.light, self.light_restarts) = (0, self.light_restarts + 1);
     }
 
     /// Camera rays go through random points of their pixels from now on, or through their centres.

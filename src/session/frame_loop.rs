@@ -135,7 +135,7 @@ impl<'a> FrameLoop<'a> {
 
     /// Makes pictures that nobody sees, from where the eyes are at time 0 and straight ahead: drivers finish building
     /// kernels at their first launch, and what the last of them costs is learnt. At least one, and so many at most: one is
-    /// enough where nothing was left to be built.
+    /// enough where nothing was left to be built, as far as devices time what they do.
     ///
     /// # Errors
     /// As [`FrameLoop::step`].

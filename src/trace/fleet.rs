@@ -140,7 +140,7 @@ impl Fleet {
                 Ok(Box::new(match (times, &rays) {
                     (0, Some(rays)) => DeviceWorker::with_hardware_rays(&device, &data, rays, traversals)?,
                     (0, None) => DeviceWorker::new(&device, &data, traversals, direct && index == 0)?,
-                    (_, _) => DeviceWorker::reopen(device.info(), &data, traversals)?,
+                    (_, _) => DeviceWorker::reopen(&device, &data, traversals)?,
                 }))
             });
             (name, open)

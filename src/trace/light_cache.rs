@@ -110,6 +110,11 @@ impl LightCache {
         self.info.half_life = self.half_life.min(half_life);
     }
 
+    /// Nothing is known from now on; memory is made anew when it is used next, since work under way may still need this one.
+    pub fn forget(&mut self) {
+        self.memory = None;
+    }
+
     /// Has its memory, where nothing is known until there are steps.
     pub fn reserve(&mut self, device: &Device) -> Result<()> {
         if self.memory.is_none() {

@@ -312,6 +312,11 @@ impl Tracer {
         self.light.update(&self.device, &self.scene, &camera, &shading, pattern, step, counters)
     }
 
+    /// Empties the cache of light: the next step is the first.
+    pub fn forget_light(&mut self) {
+        self.light.forget();
+    }
+
     /// Brings the scene to an instant, where it is not there yet.
     ///
     /// # Errors
@@ -373,7 +378,7 @@ impl Tracer {
     /// # Errors
     /// [`crate::Error::Device`] where the device is lost.
     pub fn finish(&self, work: InFlight) -> Result<Traced> {
-        work.finish()
+        work.finish(self.device.is_timed())
     }
 
     /// Starts gathering what the pixels of `tiles` see, tile by tile along the pattern's order, 256 records each in rows;

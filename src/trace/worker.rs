@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::foveation::workload::{Part, TILE_PIXELS, Workload};
 use crate::foveation::{Pattern, pattern::TILE};
 use crate::gpu::interop::Shared;
-use crate::gpu::opencl::{Buffer, Device, DeviceInfo, Event, Transfer};
+use crate::gpu::opencl::{Buffer, Device, Event, Transfer};
 use crate::gpu::vulkan::{BufferRef, Context};
 use crate::layout::{SampleRecord, VisibilityRecord};
 use crate::math::view::View;
@@ -26,6 +26,8 @@ pub struct Job {
     pub settings: Settings,
     /// Steps of the cache of light that are made before it, counted from the first frame on: all devices make the same.
     pub light: u64,
+    /// How often the cache has begun anew before these steps.
+    pub light_restarts: u32,
     /// Where what moves is, in scenes in which something does.
     pub state: Option<Arc<SceneState>>,
     /// Light from infinitely far, where that changes.
@@ -122,6 +124,7 @@ pub struct DeviceWorker {
     slices: u32,
     /// Steps that its cache of light has made.
     light: u64,
+    light_restarts: u32,
     views: Vec<Option<OwnView>>,
     note: Option<String>,
 }
@@ -167,7 +170,7 @@ impl DeviceWorker {
     }
 
     fn with_tracer(tracer: Tracer, direct: bool, slices: u32) -> Self {
-        DeviceWorker { tracer, direct, slices, light: 0, views: Vec::new(), note: None }
+        DeviceWorker { tracer, direct, slices, light: 0, light_restarts: 0, views: Vec::new(), note: None }
     }
 
     /// The first device of a fleet, which writes landings in place, with rays that the presenting device's ray queries trace:
@@ -198,8 +201,8 @@ impl DeviceWorker {
     ///
     /// # Errors
     /// As [`DeviceWorker::new`], and where the driver refuses the device.
-    pub fn reopen(info: &DeviceInfo, data: &SceneData, traversals: Traversals) -> Result<Self> {
-        Self::new(&Device::open(info)?, data, traversals, false)
+    pub fn reopen(from: &Device, data: &SceneData, traversals: Traversals) -> Result<Self> {
+        Self::new(&from.reopen()?, data, traversals, false)
     }
 
     /// Has the device begin with a part, after all that it has begun with before.
@@ -209,6 +212,10 @@ impl DeviceWorker {
         }
         if let Some(sky) = &job.sky {
             self.tracer.light_by(sky)?;
+        }
+        if self.light_restarts != job.light_restarts {
+            self.tracer.forget_light();
+            (self.light, self.light_restarts) = (0, job.light_restarts);
         }
         self.prepare(job)?;
         let DeviceWorker { tracer, views, direct, slices, light, .. } = self;

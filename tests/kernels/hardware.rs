@@ -349,6 +349,7 @@ fn the_first_view_is_told_before_the_second_begins() {
                 sample_target,
                 direct,
                 timed_apart,
+                light_restarts: 0,
             };
             (Arc::new(job), part)
         });

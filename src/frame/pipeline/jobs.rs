@@ -30,6 +30,7 @@ impl Renderer {
             view: *view,
             settings: trace::Settings { seed, cached, turn, rays, fewer_rays, ..self.settings },
             light: self.light,
+            light_restarts: self.light_restarts,
             state: self.state.clone(),
             sky: self.sky.clone(),
             pattern: traced.pattern.clone(),

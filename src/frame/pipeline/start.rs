@@ -131,6 +131,7 @@ impl Renderer {
             least_expected: loaded.environment.least_expected(),
             output,
             light: 0,
+            light_restarts: 0,
             light_steps: 1,
             moving: (loaded.parted.as_ref())
                 .and_then(|parted| MovingScene::new(&loaded.scene, loaded.trees(), parted, by)),

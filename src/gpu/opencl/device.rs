@@ -175,6 +175,7 @@ struct Open {
     queue: Owned<CommandQueue>,
     context: Owned<Context>,
     info: DeviceInfo,
+    properties_of_queue: cl_command_queue_properties,
 }
 
 impl Device {
@@ -187,7 +188,8 @@ impl Device {
         Self::open_with(info, CL_QUEUE_PROFILING_ENABLE)
     }
 
-    /// The same, of a device that times nothing: drivers have less to do for each launch, and times are 0.
+    /// The same, of a device that times nothing: drivers have less to do for each launch, and times are 0. For one that traces
+    /// alone: what devices share is balanced by their times.
     ///
     /// # Errors
     /// As [`Device::open`].
@@ -214,7 +216,21 @@ impl Device {
         // SAFETY: the context was made for this device.
         let queue = unsafe { CommandQueue::create(&context, info.device.id(), properties_of_queue) }
             .map_err(|e| refused("a queue", e))?;
-        Ok(Device(Arc::new(Open { queue: Owned::new(queue), context, info: info.clone() })))
+        let open = Open { queue: Owned::new(queue), context, info: info.clone(), properties_of_queue };
+        Ok(Device(Arc::new(open)))
+    }
+
+    /// Opens the same device anew, as after a failure.
+    ///
+    /// # Errors
+    /// As [`Device::open`].
+    pub fn reopen(&self) -> Result<Device> {
+        Self::open_with(self.info(), self.0.properties_of_queue)
+    }
+
+    /// Whether it times what it does.
+    pub fn is_timed(&self) -> bool {
+        self.0.properties_of_queue & CL_QUEUE_PROFILING_ENABLE != 0
     }
 
     /// What is known of it.

@@ -101,7 +101,7 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
     let view = View { world_from_eye, fov, width: 128, height: 64, spacing: Default::default() };
     let pattern = tracer.pattern(&Pattern::new(&view, &Law::Full, DVec2::splat(0.5), view.pixels())).unwrap();
     let samples = Buffer::new(&device, view.pixels()).unwrap();
-    let records = Buffer::from_slice(&device, &vec![VisibilityRecord::default(); view.pixels()]).unwrap();
+    let records = Buffer::changing(&device, &vec![VisibilityRecord::default(); view.pixels()]).unwrap();
     let settings = Settings {
         rays: 4,
         bounces: 0,
