@@ -24,6 +24,7 @@ const SETTINGS: Settings = Settings {
     longest: 32.0,
     light_changes: false,
     estimates: 1.0,
+    rests: true,
 };
 const SIZE: [u32; 2] = [640, 400];
 const EYES_APART: f64 = 0.064;

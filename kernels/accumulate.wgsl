@@ -53,6 +53,8 @@ struct Parameters {
     light_changes: u32,
     // Estimates that a sample counts as that was sent all rays; one that was sent fewer counts as one.
     estimates: f32,
+    // Whether samples that wait for their turn are where they were in the view's last frame.
+    rests: u32,
 }
 var<immediate> parameters: Parameters;
 
@@ -273,10 +275,12 @@ struct Found {
     weight: f32,
     agreement: f32,
     toward: Toward,
+    // The high bits of where light comes from, of the sample that counts most.
+    marks: vec3<u32>,
 }
 
 fn nothing_found() -> Found {
-    return Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, no_toward());
+    return Found(vec3(0.0), vec3(0.0), History(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, no_toward(), vec3(0u));
 }
 
 // What the view's last frame has accumulated for a point, weighted means; where its light comes from if it is `directed`.
@@ -285,6 +289,7 @@ fn look_back(point: Point, sun_centre: u32, directed: bool) -> Found {
     var found = nothing_found();
     // Kept apart, since it is added to by a function.
     var toward = no_toward();
+    var nearest_weight = 0.0;
     let at = seen_at(source, point.point);
     if at.x < -0.5 {
         return found;
@@ -309,7 +314,10 @@ fn look_back(point: Point, sun_centre: u32, directed: bool) -> Found {
         found.first += weight * bitcast<vec3<f32>>(first.xyz);
         found.second += weight * bitcast<vec3<f32>>(second.xyz);
         if directed {
-            add_toward(&toward, weight * bitcast<vec3<f32>>(first.xyz), last_records[3u * index + 2u].xyz);
+            let third = last_records[3u * index + 2u].xyz;
+            add_toward(&toward, weight * bitcast<vec3<f32>>(first.xyz), third);
+            found.marks = select(found.marks, third & vec3(0xc0000000u), near > nearest_weight);
+            nearest_weight = max(nearest_weight, near);
         }
         found.history.diffuse_age += weight * history.diffuse_age;
         found.history.specular_age += weight * history.specular_age;
@@ -327,6 +335,7 @@ fn look_back(point: Point, sun_centre: u32, directed: bool) -> Found {
     }
     if !(found.agreement > LEAST_AGREEMENT) {
         found.weight = 0.0;
+        found.marks = vec3(0u);
         return found;
     }
     let scale = 1.0 / found.weight;
@@ -355,7 +364,7 @@ fn what_it_had(index: u32) -> Found {
     if !is_usable(first, second) {
         return nothing_found();
     }
-    return Found(bitcast<vec3<f32>>(first.xyz), bitcast<vec3<f32>>(second.xyz), last_histories[index], 1.0, 1.0, no_toward());
+    return Found(bitcast<vec3<f32>>(first.xyz), bitcast<vec3<f32>>(second.xyz), last_histories[index], 1.0, 1.0, no_toward(), vec3(0u));
 }
 
 struct Shared {
@@ -509,9 +518,10 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     let sun_centre = second.w >> 24u & 1u;
 
     let toward_fresh = fresh[3u * id.x + 2u].xyz & vec3(~SAMPLE_REUSES, ~0u, ~0u);
-    let directed = toward_fresh.x != 0u;
+    let directed = toward_fresh.x != 0u || waits;
     var found: Found;
-    if waits {
+    let keeps_place = waits && parameters.rests != 0u;
+    if keeps_place {
         found = what_it_had(id.x);
     } else {
         found = look_back(before.point, sun_centre, directed);
@@ -555,15 +565,20 @@ fn accumulate_samples(@builtin(global_invocation_id) id: vec3<u32>) {
     records[3u * id.x] = vec4(bitcast<vec3<u32>>(diffuse), bitcast<u32>(depth));
     records[3u * id.x + 1u] = vec4(bitcast<vec3<u32>>(specular), (second.w & 0xffffffu) | sun_byte << 24u);
     var toward = toward_fresh;
-    if directed {
+    if waits && !keeps_place {
+        // As noisy as what it looks at, and with a normal map where that has one.
+        toward = select(NOWHERE, mean_toward(found.toward, found.marks), (found.marks.x & IS_MAPPED) != 0u) | (found.marks & vec3(0u, ~0u, ~0u));
+    } else if directed && !waits {
         var sum = no_toward();
         add_toward_sum(&sum, 1.0 - part, found.toward);
         add_toward_sum(&sum, part * lent.weight / max(estimates, LEAST_WEIGHT), lent.toward);
         add_toward(&sum, part * own / max(estimates, LEAST_WEIGHT) * bitcast<vec3<f32>>(first.xyz), toward_fresh);
         toward = mean_toward(sum, toward_fresh);
     }
-    toward = with_less_noise(toward, min(diffuse_age, specular_age) / max(own, 1.0));
-    if waits {
+    if !waits {
+        toward = with_less_noise(toward, min(diffuse_age, specular_age) / max(own, 1.0));
+    }
+    if keeps_place {
         toward = select(NOWHERE, last_records[3u * id.x + 2u].xyz, found.weight > 0.0);
     }
     records[3u * id.x + 2u] = vec4(toward, fresh[3u * id.x + 2u].w);

@@ -162,7 +162,6 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
         let guide = select(select(0.0, alike, lit), 1.0, hole || index == id.x);
         let squared = (other_x - x) * (other_x - x) + (other_y - y) * (other_y - y);
         let first_weight = guide * exp2(first_fall * squared);
-        let narrow_weight = guide * exp2(second_fall * squared);
         first += first_weight * other.first;
         first_sum += first_weight;
         let light = luminance(other.first);
@@ -180,6 +179,7 @@ fn filter_samples(@builtin(global_invocation_id) id: vec3<u32>) {
             second_squares += weight * vec2(1.0, weight);
             known.y += weight * noise * light * light;
         } else if !expects && (hole || other.reflected == 0u) {
+            let narrow_weight = guide * exp2(second_fall * squared);
             second += narrow_weight * other.second;
             second_sum += vec3(narrow_weight);
             let light = luminance(other.second);

@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
 # Kernels under Oclgrind (Price and McIntosh-Smith 2015), which interprets them one instruction after the other and tells where
 # two work-items touch one place without atomics, at least one of them to write, where one leaves its buffer, and where one
-# writes to a buffer that kernels only read: scripts/check-races.sh [FOLDER]. Oclgrind is unpacked into FOLDER,
-# target/oclgrind by default, and not installed. It is Debian 12's package; where that cannot be had, nothing runs, and that
+# writes to a buffer that kernels only read: scripts/check-races.sh [FOLDER]. Oclgrind is unpacked into FOLDER/oclgrind,
+# in target by default, and not installed. It is Debian 12's package; where that cannot be had, nothing runs, and that
 # is told, and is a failure where checks must not be left out (CI=true).
 set -euo pipefail
 cd "$(dirname "$0")/.."
-folder=${1:-target/oclgrind}
+folder=${1:-target}
 foveate=$PWD/${FOVEATE:-target/debug/foveate}
 mkdir -p "$folder"
-folder=$(cd "$folder" && pwd)
+folder=$(cd "$folder" && pwd)/oclgrind
 . scripts/debian.sh
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -30,23 +30,37 @@ if [[ ! -e "$folder/complete" ]]; then
   for package in "$work"/cache/archives/*.deb; do
     [[ $(basename "$package") =~ $common ]] || dpkg-deb -x "$package" "$folder"
   done
-  echo "$folder/usr/lib/oclgrind/liboclgrind-rt-icd.so" >"$folder/vendors/oclgrind.icd"
   touch "$folder/complete"
 fi
+driver=$folder/usr/lib/oclgrind/liboclgrind-rt-icd.so
+echo "$driver" >"$folder/vendors/oclgrind.icd"
 libraries=("$folder"/usr/lib/*-linux-gnu "$folder"/lib/*-linux-gnu)
 
 # Inlining leaves notes in the text that Oclgrind's interpreter does not know.
-export OCLGRIND_BUILD_OPTIONS="-cl-opt-disable -Dalways_inline=" OCLGRIND_DATA_RACES=1 OCLGRIND_LOG=$work/log
+export OCLGRIND_BUILD_OPTIONS="-cl-opt-disable -Dalways_inline=" OCLGRIND_DATA_RACES=1 OCLGRIND_LOG=/dev/fd/9
 export OCL_ICD_VENDORS=$folder/vendors XDG_CACHE_HOME=$work/cache
 paths=$(IFS=: && echo "${libraries[*]}")
+if LD_LIBRARY_PATH=$paths ldd "$driver" 2>&1 | grep -q "not found"; then
+  leave_out "Oclgrind needs a newer C library than this system has"
+fi
 failed=0
+mkfifo "$work/pipe"
+
+# COMMAND by Oclgrind, whose messages come through a pipe: each of a program's contexts, and of its children's, begins a file anew.
+under_oclgrind() {
+  local reader status=0
+  cat "$work/pipe" >"$work/log" &
+  reader=$!
+  LD_LIBRARY_PATH=$paths "$@" >"$work/out" 2>&1 9>"$work/pipe" || status=$?
+  wait "$reader"
+  return "$status"
+}
 
 # check WHAT COMMAND...: it succeeds, by Oclgrind, which says nothing.
 check() {
   local what=$1 start=$SECONDS
   shift
-  : >"$work/log"
-  if ! LD_LIBRARY_PATH=$paths "$@" >"$work/out" 2>&1; then
+  if ! under_oclgrind "$@"; then
     say "$what failed:"
     tail -5 "$work/out"
     failed=1
@@ -72,5 +86,6 @@ check "a guided frame by single rays" frame --set trace.traversal=single-ray --s
 check "one with a bounce by single rays" frame --set trace.traversal=single-ray --bounces 1
 check "a frame of k-nearest neighbours by single rays" frame --set trace.traversal=single-ray --reconstruct k-nn
 check "a guided frame by packets" frame --set trace.traversal=packet
+cargo test -q --no-run --test kernels
 check "deforming meshes" cargo test -q --test kernels deform::devices_deform_as_the_host_does -- --nocapture
 exit "$failed"

@@ -60,6 +60,7 @@ fn render(
         light_holds: f32::INFINITY,
         light_changes: false,
         estimates: 1.0,
+        rests: false,
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: None,

@@ -240,6 +240,10 @@ __kernel void shade_samples(SCENE_PARAMETERS, Camera camera, Camera before, Shad
             continue;
         }
         bool reuses = reuses_light(&camera, &before, &asked, at, seen, past);
+        if (reuses && waits_in_motion(&asked, index)) {
+            pass_sample(&asked, seen, &records[index]);
+            continue;
+        }
         uint k = n++;
         HitRecord hit = hits[shading.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : index];
         begin_sample(&scene, &camera, &shading, index, at, hit, &mine[k].sample);

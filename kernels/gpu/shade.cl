@@ -128,13 +128,13 @@ __kernel void begin_samples(SCENE_PARAMETERS, Camera camera, Camera before, Shad
     __global ShadedSample *state = state_at(states, k);
     uint at = samples[first + k];
     __global const VisibilityRecord *seen = &visibility[(at >> 16) * camera.width + (at & 0xffffu)];
-    if (waits_for_turn(&camera, &asked, first + k, at, seen, &records[first + k])) {
+    bool reuses = reuses_light(&camera, &before, &asked, at, seen, past);
+    if (waits_for_turn(&camera, &asked, first + k, at, seen, &records[first + k]) || (reuses && waits_in_motion(&asked, first + k))) {
         state->sample.index = NONE;
         state->sample.lit = false;
         return;
     }
     HitRecord hit = hits[asked.hits_per_pixel ? (at >> 16) * camera.width + (at & 0xffffu) : first + k];
-    bool reuses = reuses_light(&camera, &before, &asked, at, seen, past);
     begin_sample(&scene, &camera, &asked, first + k, at, hit, &state->sample);
     state->sample.reuses = reuses;
     SampleLight none;

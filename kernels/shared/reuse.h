@@ -1,5 +1,5 @@
 // Which samples live on light that earlier frames have left for them (accumulate.wgsl): at rest they wait for their turn to be
-// shaded, in motion they are sent fewer rays.
+// shaded, in motion they are sent fewer rays, or wait too.
 
 // Cosine between normals from which on a sample's surface is the one that it had before.
 #define SAME_SURFACE 0.95f
@@ -65,6 +65,12 @@ static bool reuses_light(const Camera *camera, const Camera *before, const Shadi
     float roughness = (float)(seen->surface >> 20) / 4095.0f, lobe = SAME_LOBE * (roughness * roughness + 0.01f);
     float3 turned = 2.0f * (unit_or(from_before, d) - d);
     return fabs(off) <= width && dot3(turned, turned) <= lobe * lobe;
+}
+
+// Whether a sample that reuses light waits for another frame to be shaded.
+static bool waits_in_motion(const Shading *shading, uint index)
+{
+    return shading->turns_in_motion > 1u && index / TURN_SAMPLES % shading->turns_in_motion != shading->turn_in_motion;
 }
 
 // How a sample is shaded that does, or does not.

@@ -62,6 +62,8 @@ typedef struct {
     uint hits_per_pixel;
     uint turns;
     uint turn;
+    uint turns_in_motion;
+    uint turn_in_motion;
     uint lights;
     uint environment_width;
     uint environment_height;

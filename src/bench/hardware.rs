@@ -138,6 +138,7 @@ fn frame_ms(tracer: &mut Tracer) -> Result<f64> {
         jitter: false,
         fewer_rays: None,
         turn: Turn::ALL,
+        turn_in_motion: Turn::ALL,
     };
     let samples = Buffer::new(tracer.device(), SAMPLES)?;
     let visibility = Buffer::new(tracer.device(), view.pixels())?;

@@ -42,6 +42,7 @@ impl Config {
         whole("time.pictures", self.time.pictures, 1, 64)?;
         range("time.rays", self.time.rays, 0.01, 1.0)?;
         range("time.rays_in_motion", self.time.rays_in_motion, 0.01, 1.0)?;
+        range("time.samples_in_motion", self.time.samples_in_motion, 0.1, 1.0)?;
         range("time.samples", self.time.samples, 0.01, 1.0)?;
         let environment = &self.environment;
         range("environment.exposure", environment.exposure, -40.0, 40.0)?;

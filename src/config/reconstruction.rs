@@ -60,6 +60,8 @@ pub struct TimeConfig {
     pub rays: f64,
     /// The same of samples whose surfaces the frame before has seen, while the view moves more.
     pub rays_in_motion: f64,
+    /// Of those samples the part that a frame shades, in turn: one in a whole number of them, 1 to 10.
+    pub samples_in_motion: f64,
     /// The part of the samples that a frame shades, in turn, where view and light have rested for a while: one in a whole number
     /// of them, at most half of `frames`.
     pub samples: f64,
@@ -73,7 +75,8 @@ impl Default for TimeConfig {
             eyes: true,
             pictures: 16,
             rays: 0.5,
-            rays_in_motion: 0.25,
+            rays_in_motion: 0.2,
+            samples_in_motion: 0.5,
             samples: 0.25,
         }
     }

@@ -226,6 +226,7 @@ impl Renderer {
             light_holds: self.sky.as_ref().map_or(f32::INFINITY, |sky| sky.reused),
             light_changes: self.moves(),
             estimates: traced.estimates,
+            rests: traced.turn != trace::Turn::ALL,
             movers: self.state.as_ref().map_or_else(Arc::default, |state| state.movers().clone()),
             shown_from,
             exposure: self.meter.stops().unwrap_or(0.0) as f32,

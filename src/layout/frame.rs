@@ -85,6 +85,10 @@ pub struct Shading {
     pub turns: u32,
     /// Which one of them.
     pub turn: u32,
+    /// The same of samples that are sent fewer rays.
+    pub turns_in_motion: u32,
+    /// Which one of them.
+    pub turn_in_motion: u32,
     /// Punctual lights that are all asked; those that are chosen among come after them.
     pub lights: u32,
     /// Environment texels across.

@@ -39,6 +39,9 @@ pub struct Frame<'a> {
     /// Estimates that a sample counts as that was sent all rays, at least 1, where others are sent fewer
     /// ([`crate::layout::SAMPLE_REUSES`]) and count as one.
     pub estimates: f32,
+    /// Whether view and pattern are those of the frame before, so that samples without light of this frame keep what they had;
+    /// otherwise these look for it where their surface was, as others do.
+    pub rests: bool,
     /// Where what moves as a whole is: `world_from_part` in metres, by the number that [`crate::layout::SURFACE_MOVER`] has
     /// of it, less one; `None` where that is not known. The same numbers are of the same things in all frames.
     pub movers: Arc<[Option<DMat4>]>,

@@ -13,7 +13,7 @@
 //! light glides over it. A frame that finds one before it, seen from nearly the same place, sends `time.rays` of the
 //! light rays, by default half: at rest history makes up for more than that within a few frames. In motion samples whose
 //! surfaces the frame before has seen are sent `time.rays_in_motion` of them, and others all, which count as several
-//! estimates. Where view, things and light have rested for longer, samples take turns: `time.samples` of them are shaded, in
+//! estimates; of the former `time.samples_in_motion` are shaded, in turn, and the others have what is found where their surface was. Where view, things and light have rested for longer, samples take turns: `time.samples` of them are shaded, in
 //! groups that follow each other in the list, and those of the others that see the surface
 //! that they saw keep their means and ages ([`crate::layout::SAMPLE_REUSES`]). A surface that comes into view has no history there; it
 //! is filtered as a first frame is. `Renderer::forget` drops everything: after a cut, and between pictures
@@ -123,6 +123,7 @@ pub(super) struct AccumulateParameters {
     longest: f32,
     light_changes: u32,
     estimates: f32,
+    rests: u32,
 }
 
 /// What a frame brings along.
@@ -143,6 +144,8 @@ pub(super) struct Fresh<'a> {
     pub light_changes: bool,
     /// See [`super::Frame::estimates`].
     pub estimates: f32,
+    /// See [`super::Frame::rests`].
+    pub rests: bool,
 }
 
 impl Source {
@@ -210,6 +213,7 @@ impl Accumulate {
             longest: fresh.longest.min(self.reuse.frames as f32),
             light_changes: fresh.light_changes.into(),
             estimates: fresh.estimates,
+            rests: fresh.rests.into(),
         };
         history.rested = match history.is_within(fresh.view, RESTING) && !fresh.light_changes {
             true => history.rested.saturating_add(1),

@@ -240,6 +240,7 @@ impl Reconstruction {
                     longest,
                     light_changes,
                     estimates: frame.estimates,
+                    rests: frame.rests,
                 };
                 let history = &mut state.history;
                 let records =

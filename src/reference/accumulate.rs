@@ -148,6 +148,8 @@ pub struct Settings {
     pub light_changes: bool,
     /// Estimates that a sample counts as that is sent all rays where others are sent fewer.
     pub estimates: f64,
+    /// Whether samples that wait are where they were in the last frame.
+    pub rests: bool,
 }
 
 /// The samples with the light that was found before, and their histories.
@@ -186,10 +188,10 @@ fn one(
     let longest = past.as_ref().map_or(unknown, |past| past.longest);
     let mut history = History { fast: value, slow: value, ..History::default() };
     let mut found = (sample.diffuse, sample.specular, 0.0);
-    let mut found_toward = Toward::default();
-    if let Some((past, Found { diffuse, specular, toward, blocker: shadow, history: old })) =
+    let (mut found_toward, mut found_directed) = (Toward::default(), false);
+    if let Some((past, Found { diffuse, specular, toward, directed, blocker: shadow, history: old })) =
         last.zip(past).and_then(|(kept, past)| {
-            let old = match waits {
+            let old = match waits && settings.rests {
                 true => what_it_had(kept, index),
                 false => look_back(kept, view, &sample, &past, settings),
             };
@@ -207,7 +209,7 @@ fn one(
         history.ages[0] *= kept;
         history.ages[1] *= kept * past.alike_reflection;
         found = (diffuse, specular, shadow);
-        found_toward = toward;
+        (found_toward, found_directed) = (toward, directed);
     }
     if waits && history.ages[0] + lent_weight <= 0.0 {
         return (sample, History::default());
@@ -232,7 +234,7 @@ fn one(
     };
     let part = (estimates / ages[0]).min(1.0);
     let toward = match (waits, sample.toward) {
-        (true, _) => last.and_then(|kept| kept.samples.get(index)).and_then(|had| had.toward),
+        (true, _) => found_directed.then(|| toward::mean(&found_toward, Default::default())),
         (false, None) => None,
         (false, Some(fresh)) => {
             let of_estimate = part / estimates.max(LEAST_WEIGHT);

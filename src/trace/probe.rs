@@ -205,6 +205,7 @@ impl Probe {
             jitter: false,
             fewer_rays: None,
             turn: Turn::ALL,
+            turn_in_motion: Turn::ALL,
         };
         self.camera = tracer::camera(view, self.anchor, &settings);
         self.sampled = Buffer::from_slice(&self.device, &pattern.samples)?;

@@ -51,6 +51,7 @@ pub fn run(device: &Device, programs: &Programs, hardware: Option<&Context>) -> 
             jitter: false,
             fewer_rays: None,
             turn: Turn::ALL,
+            turn_in_motion: Turn::ALL,
         };
         let samples = Buffer::new(device, pattern.samples.len())?;
         let visibility = guided.then(|| Buffer::new(device, view.pixels())).transpose()?;

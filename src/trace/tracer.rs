@@ -67,6 +67,8 @@ pub struct Settings {
     pub jitter: bool,
     /// Which samples are shaded; guided settings only.
     pub turn: Turn,
+    /// Which of those that would be sent fewer rays are: the others have no light of this frame, as where it is not their turn.
+    pub turn_in_motion: Turn,
 }
 
 /// Of `of` groups of [`layout::TURN_SAMPLES`] samples the one that is shaded in this frame. Others have no light
@@ -369,6 +371,8 @@ impl Tracer {
             hits_per_pixel: u32::from(settings.guided),
             turns: settings.turn.of,
             turn: settings.turn.number,
+            turns_in_motion: settings.turn_in_motion.of,
+            turn_in_motion: settings.turn_in_motion.number,
             ..self.scene.shading
         }
     }

@@ -39,6 +39,7 @@ pub const PLAIN: Settings = Settings {
     jitter: false,
     fewer_rays: None,
     turn: Turn::ALL,
+    turn_in_motion: Turn::ALL,
 };
 
 /// Runs a test on every OpenCL device, one test at a time. On machines that promise a device (CI=true) it

@@ -133,6 +133,7 @@ pub fn last_shown(
         light_holds: f32::INFINITY,
         light_changes: false,
         estimates: 1.0,
+        rests: false,
         movers: Default::default(),
         exposure: 0.0,
         other: None,

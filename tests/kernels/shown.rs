@@ -40,6 +40,7 @@ fn picture(
         light_holds: f32::INFINITY,
         light_changes: false,
         estimates: 1.0,
+        rests: false,
         movers: Default::default(),
         overlay: Default::default(),
         shown_from: from,

@@ -18,6 +18,7 @@ impl Renderer {
     pub(super) fn job(&mut self, index: usize, view: &View, seed: u32) -> Job {
         let turn = self.turn(index, view);
         let (rays, fewer_rays, estimates) = self.rays_of(index, view);
+        let turn_in_motion = self.turn_in_motion(index, fewer_rays.filter(|&fewer| fewer < rays));
         self.views[index].turn = turn;
         self.views[index].estimates = estimates;
         let traced = &self.views[index];
@@ -28,7 +29,15 @@ impl Renderer {
         Job {
             index,
             view: *view,
-            settings: trace::Settings { seed, cached, turn, rays, fewer_rays, ..self.settings },
+            settings: trace::Settings {
+                seed,
+                cached,
+                turn,
+                turn_in_motion,
+                rays,
+                fewer_rays,
+                ..self.settings
+            },
             light: self.light,
             light_restarts: self.light_restarts,
             state: self.state.clone(),
@@ -81,6 +90,15 @@ impl Renderer {
             Turn { number: self.frames.wrapping_add(index as u32) % of, of }
         } else {
             Turn::ALL
+        }
+    }
+
+    /// Which of the samples that are sent fewer rays are shaded.
+    fn turn_in_motion(&self, index: usize, fewer_rays: Option<u32>) -> Turn {
+        let of = (1.0 / self.time.samples_in_motion).round() as u32;
+        match fewer_rays {
+            Some(_) if of > 1 => Turn { number: self.frames.wrapping_add(index as u32) % of, of },
+            _ => Turn::ALL,
         }
     }
 

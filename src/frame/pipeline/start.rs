@@ -214,6 +214,7 @@ pub(super) fn trace_settings(quality: &Quality, seed: u32) -> trace::Settings {
         jitter: false,
         fewer_rays: None,
         turn: Turn::ALL,
+        turn_in_motion: Turn::ALL,
     }
 }
 

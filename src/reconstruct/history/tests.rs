@@ -173,7 +173,7 @@ fn submit(
     view: &View,
     eye: usize,
     records: &[SampleRecord],
-    (frame, light_changes, estimates): (u32, bool, f32),
+    (frame, light_changes, estimates, rests): (u32, bool, f32, bool),
 ) -> (Vec<SampleRecord>, Vec<[f32; 8]>) {
     let context = reconstruction.context.clone();
     let samples = HostBuffer::new(&context, size_of_val(records)).unwrap();
@@ -193,6 +193,7 @@ fn submit(
         light_holds: f32::INFINITY,
         light_changes,
         estimates,
+        rests,
         movers: movers(frame).into(),
         overlay: Default::default(),
         shown_from: None,
@@ -213,21 +214,27 @@ fn submit(
 fn frames_are_those_of_the_reference() {
     [false, true]
         .into_iter()
-        .for_each(|light_changes| frames_are_those_of_the_twin(light_changes, |_| Turn::ALL, 1.0));
+        .for_each(|light_changes| frames_are_those_of_the_twin(light_changes, |_| Turn::ALL, 1.0, true));
 }
 
 #[test]
 fn samples_that_are_sent_fewer_rays_are_those_of_the_reference() {
-    frames_are_those_of_the_twin(false, |_| Turn::ALL, 4.0);
+    frames_are_those_of_the_twin(false, |_| Turn::ALL, 4.0, true);
 }
 
 #[test]
 fn samples_that_wait_for_their_turn_are_those_of_the_reference() {
-    frames_are_those_of_the_twin(false, turn, 1.0);
+    frames_are_those_of_the_twin(false, turn, 1.0, true);
+}
+
+#[test]
+fn samples_that_wait_in_motion_are_those_of_the_reference() {
+    let half = |frame: u32| if frame == 0 { Turn::ALL } else { Turn { number: frame % 2, of: 2 } };
+    frames_are_those_of_the_twin(false, half, 1.0, false);
 }
 
 /// All samples count as so many estimates but for every third one, which is sent fewer rays where that is more than 1.
-fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, estimates: f32) {
+fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, estimates: f32, rests: bool) {
     let Some(context) = testing::context() else { return };
     let settings = Settings { mode: Mode::default(), reuse: Some(REUSE), ..Settings::default() };
     let mut reconstruction = Reconstruction::new(&context, settings).unwrap();
@@ -240,6 +247,7 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
         longest: f64::from(REUSE.frames),
         light_changes,
         estimates: estimates.into(),
+        rests,
     };
     let mut kept: [Option<accumulate::Kept>; 2] = [None, None];
     let mut lent: [Option<accumulate::Kept>; 2] = [None, None];
@@ -262,7 +270,7 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
                 record.toward[0] |= SAMPLE_REUSES;
             }
             let of_own = |index: usize| if reuses(index) { 1.0 } else { f64::from(estimates) };
-            let told = (frame, light_changes, estimates);
+            let told = (frame, light_changes, estimates, rests);
             let (records, histories) = submit(&mut reconstruction, &view, eye_index, &fresh, told);
             let twins: Vec<_> = fresh
                 .iter()
@@ -305,7 +313,7 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
                 assert!(aged[0] < 0.02 && aged[1] < 0.02, "{place:?}: {aged:?}");
                 assert!((found.diffuse - twin.diffuse).length() < 0.01, "{place:?}: {found:?} {twin:?}");
                 assert!((found.specular - twin.specular).length() < 0.01, "{place:?}: {found:?} {twin:?}");
-                if !waits(index, turn) {
+                if !waits(index, turn) || !rests {
                     assert_eq!(found.toward.is_some(), twin.toward.is_some(), "{place:?}");
                     // Each axis is one of 1023 numbers, before and after.
                     let off =
@@ -320,8 +328,8 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
                 let age = (histories[index][0].min(histories[index][1]) / own as f32).max(1.0);
                 let code = index as u32 % 16;
                 let waits = waits(index, turn);
-                if waits {
-                    waited += 1;
+                waited += usize::from(waits);
+                if waits && rests {
                     let had = towards[eye_index][index];
                     assert!(
                         record.toward == had || record.toward == [0; 3],
@@ -392,7 +400,7 @@ fn nothing_is_found_after_a_cut() {
     for frame in 0..3 {
         let fresh: Vec<_> = samples.iter().enumerate().map(|(i, &s)| traced(&view, s, frame, i)).collect();
         reconstruction.forget();
-        let (records, _) = submit(&mut reconstruction, &view, 0, &fresh, (0, false, 1.0));
+        let (records, _) = submit(&mut reconstruction, &view, 0, &fresh, (0, false, 1.0, true));
         assert_eq!(bytemuck::cast_slice::<_, u8>(&records), bytemuck::cast_slice::<_, u8>(&fresh));
     }
 }

@@ -155,6 +155,7 @@ fn submit(
         light_holds: f32::INFINITY,
         light_changes: false,
         estimates: 1.0,
+        rests: false,
         movers: movers(frame),
         overlay: Default::default(),
         shown_from: shown_from(frame, manner),

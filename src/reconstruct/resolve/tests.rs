@@ -126,6 +126,7 @@ fn submit_with(
         light_holds: f32::INFINITY,
         light_changes: walks,
         estimates: 1.0,
+        rests: false,
         movers: movers(frame),
         overlay: Default::default(),
         shown_from: None,

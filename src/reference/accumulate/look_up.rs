@@ -112,6 +112,8 @@ pub(super) struct Found {
     pub diffuse: DVec3,
     pub specular: DVec3,
     pub toward: Toward,
+    /// Whether the sample that counts most knows where its light comes from.
+    pub directed: bool,
     pub blocker: f64,
     pub history: History,
 }
@@ -144,6 +146,8 @@ pub(super) fn look_back(
     }
     let is_same_side = |index: usize| kept.samples[index].sun_centre == sample.sun_centre;
     let on_side = |&&(index, ..): &&(usize, f64, f64)| is_same_side(index);
+    let most = found.iter().max_by(|a, b| a.2.total_cmp(&b.2));
+    let directed = most.is_some_and(|&(index, ..)| kept.samples[index].toward.is_some());
     let near: f64 = found.iter().map(|(.., weight)| weight).sum();
     let side_sum: f64 = found.iter().filter(on_side).map(|(.., weight)| weight).sum();
     let (known, shadow) = found.iter().fold((0.0, 0.0), |(known, sum), &(index, _, weight)| {
@@ -173,7 +177,8 @@ pub(super) fn look_back(
     };
     let (diffuse, specular) =
         (color(&|index| kept.samples[index].diffuse), color(&|index| kept.samples[index].specular));
-    Some(Found { diffuse, specular, toward: mean_toward(kept, &found), blocker: shadow, history })
+    let toward = mean_toward(kept, &found);
+    Some(Found { diffuse, specular, toward, directed, blocker: shadow, history })
 }
 
 /// What the same sample had in the last frame, whose pattern was the same.
@@ -183,6 +188,7 @@ pub(super) fn what_it_had(kept: &Kept, index: usize) -> Option<Found> {
         diffuse: had.diffuse,
         specular: had.specular,
         toward: toward::of(had),
+        directed: had.toward.is_some(),
         blocker: had.blocker,
         history: kept.histories[index],
     })

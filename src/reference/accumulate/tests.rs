@@ -11,6 +11,7 @@ const SETTINGS: Settings = Settings {
     longest: 32.0,
     light_changes: true,
     estimates: 1.0,
+    rests: true,
 };
 
 fn view(position: DVec3, yaw: f64) -> View {

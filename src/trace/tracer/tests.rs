@@ -68,6 +68,7 @@ fn check(scene: &Scene) {
             jitter,
             fewer_rays: None,
             turn: Turn::ALL,
+            turn_in_motion: Turn::ALL,
         };
         let (blocks, streams) = hits_both_ways(&mut tracer, &view, settings);
         assert!(blocks.iter().filter(|hit| hit.triangle != u32::MAX).count() > view.pixels() / 4);
@@ -112,6 +113,7 @@ fn hits_that_were_not_traced_are_marked_and_never_followed() {
         jitter: false,
         fewer_rays: None,
         turn: Turn::ALL,
+        turn_in_motion: Turn::ALL,
     };
     // Neither tiles nor their ring: edges and samples are asked for what nobody has traced.
     tracer.hits = untraced(&device, view.pixels()).unwrap();
@@ -177,6 +179,7 @@ fn samples_wait_for_their_turn_where_they_see_what_they_saw() {
                 jitter: false,
                 fewer_rays: None,
                 turn,
+                turn_in_motion: Turn::ALL,
             };
             let work = tracer.enqueue(view, &settings, &pattern, &samples, Some(&visibility)).unwrap();
             tracer.finish(work).unwrap();
@@ -254,45 +257,52 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
     for traversal in [Traversal::Packet, Traversal::SingleRay] {
         let mut tracer = Tracer::with_features(&device, &scene, &bvh, &light, &features, traversal).unwrap();
         let mut past = None;
-        let mut traced =
-            |view: &View, rays: u32, fewer_rays: Option<u32>, past: Option<&mut Option<Past>>| {
-                let all = Pattern::new(view, &Law::default(), DVec2::splat(0.5), view.pixels() / 2);
-                let pattern = tracer.pattern(&all).unwrap();
-                let samples = Buffer::new(&device, all.samples.len()).unwrap();
-                let visibility = Buffer::new(&device, view.pixels()).unwrap();
-                let settings = Settings {
-                    rays,
-                    bounces: 0,
-                    cached: false,
-                    edge_rays: 0,
-                    guided: true,
-                    seed: 5,
-                    jitter: false,
-                    fewer_rays,
-                    turn: Turn::ALL,
-                };
-                let (parts, records) = (std::slice::from_ref(&pattern.whole), (&samples, Some(&visibility)));
-                let work = tracer.enqueue_parts(view, &settings, &pattern, parts, records, past).unwrap();
-                let done = tracer.finish(work).unwrap();
-                (all.samples, samples.to_vec().unwrap(), visibility.to_vec().unwrap(), done.rays)
+        let mut traced = |view: &View,
+                          (rays, fewer_rays): (u32, Option<u32>),
+                          past: Option<&mut Option<Past>>,
+                          turn_in_motion| {
+            let all = Pattern::new(view, &Law::default(), DVec2::splat(0.5), view.pixels() / 2);
+            let pattern = tracer.pattern(&all).unwrap();
+            let samples = Buffer::new(&device, all.samples.len()).unwrap();
+            let visibility = Buffer::new(&device, view.pixels()).unwrap();
+            let settings = Settings {
+                rays,
+                bounces: 0,
+                cached: false,
+                edge_rays: 0,
+                guided: true,
+                seed: 5,
+                jitter: false,
+                fewer_rays,
+                turn: Turn::ALL,
+                turn_in_motion,
             };
-        let first = traced(&before, 64, Some(32), Some(&mut past));
-        let whole = traced(&before, 64, None, None);
+            let (parts, records) = (std::slice::from_ref(&pattern.whole), (&samples, Some(&visibility)));
+            let work = tracer.enqueue_parts(view, &settings, &pattern, parts, records, past).unwrap();
+            let done = tracer.finish(work).unwrap();
+            (all.samples, samples.to_vec().unwrap(), visibility.to_vec().unwrap(), done.rays)
+        };
+        let first = traced(&before, (64, Some(32)), Some(&mut past), Turn::ALL);
+        let whole = traced(&before, (64, None), None, Turn::ALL);
         assert!(
             first.1 == whole.1 && first.3 == whole.3,
             "{traversal:?}: nothing was seen before the first frame"
         );
         let (_, _, old, _) = whole;
-        let (places, some, seen, rays) = traced(&now, 64, Some(32), Some(&mut past));
-        let (_, all, _, all_rays) = traced(&now, 64, None, None);
-        let (_, few, _, few_rays) = traced(&now, 32, None, None);
+        let (places, some, seen, rays) = traced(&now, (64, Some(32)), Some(&mut past), Turn::ALL);
+        let (_, all, _, all_rays) = traced(&now, (64, None), None, Turn::ALL);
+        let (_, few, _, few_rays) = traced(&now, (32, None), None, Turn::ALL);
+        traced(&before, (64, Some(32)), Some(&mut past), Turn::ALL);
+        let turn = Turn { number: 1, of: 2 };
+        let (_, in_turn, _, turn_rays) = traced(&now, (64, Some(32)), Some(&mut past), turn);
+        assert!(turn_rays < rays, "{traversal:?}: {turn_rays} {rays}");
         assert!(few_rays < rays && rays < all_rays, "{traversal:?}: {few_rays} {rays} {all_rays}");
         let distance = |[x, y]: [u32; 2]| {
             let record = old[(y * before.width + x) as usize];
             let length = before.eye_direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).length();
             (record.depth > 0.0).then(|| f64::from(record.depth) * length)
         };
-        let (mut known, mut unknown, mut undecided, mut moving) = (0, 0, 0, 0);
+        let (mut known, mut unknown, mut undecided, mut moving, mut waiting) = (0, 0, 0, 0, 0);
         for (index, (&at, record)) in places.iter().zip(&some).enumerate() {
             let pixel = seen[((at >> 16) * now.width + (at & 0xffff)) as usize];
             let sees = Sees {
@@ -311,8 +321,23 @@ fn samples_whose_surfaces_were_seen_are_sent_fewer_rays() {
             let mut alike = if reuses { few[index] } else { all[index] };
             alike.toward[0] |= if reuses { layout::SAMPLE_REUSES } else { 0 };
             assert_eq!(*record, alike, "{traversal:?}, sample {index}");
+            let waits = reuses && index as u32 / layout::TURN_SAMPLES % turn.of != turn.number;
+            waiting += usize::from(waits);
+            match waits {
+                true => assert!(
+                    in_turn[index].depth == -pixel.depth
+                        && in_turn[index].first == [0.0; 3]
+                        && in_turn[index].toward == [layout::SAMPLE_REUSES, 0, 0],
+                    "{traversal:?}, sample {index}"
+                ),
+                false => assert_eq!(in_turn[index], *record, "{traversal:?}, sample {index}"),
+            }
         }
         assert!(moving > places.len() / 20, "{traversal:?}: {moving}");
+        assert!(
+            5 * waiting > 2 * known && 5 * waiting < 3 * known,
+            "{traversal:?}: {waiting} of {known} wait"
+        );
         println!(
             "{traversal:?}: {known} are known, {unknown} not, {moving} move, {undecided} differ from the reference or are close"
         );
@@ -350,6 +375,7 @@ fn rays_are_counted_for_the_view_that_sends_them() {
         jitter: false,
         fewer_rays: None,
         turn: Turn::ALL,
+        turn_in_motion: Turn::ALL,
     };
     let mut traced = |steps: &[u64]| {
         let mut begun = Vec::new();

@@ -23,7 +23,7 @@ fn at_rest(
             |(i, record): (usize, SampleRecord)| if waits(i, turn) { waiting(&record) } else { record };
         let fresh: Vec<_> = samples.iter().enumerate().map(traced).enumerate().map(marked).collect();
         told(frame, &mut reconstruction);
-        let left = submit(&mut reconstruction, &eye(0, 0), 0, &fresh, (0, changes(frame), 1.0));
+        let left = submit(&mut reconstruction, &eye(0, 0), 0, &fresh, (0, changes(frame), 1.0, true));
         last = [last[1].clone(), left.0.into_iter().zip(left.1).collect()];
     }
     last
