@@ -506,22 +506,27 @@ fn frames_send_fewer_rays_where_others_have_left_light() {
         eye.world_from_eye.rotation *= DQuat::from_rotation_y(yaw);
         Plan::mono(eye)
     };
-    let mut rays = |rays: u32, reuse: bool, rays_in_motion: f64| -> Vec<u64> {
+    let mut rays = |rays: u32, reuse: bool, (rays_in_motion, samples_in_motion): (f64, f64)| -> Vec<u64> {
         // Pixels that look aside of their middles have other edges.
-        config.time = TimeConfig { reuse, pictures: 1, rays_in_motion, ..TimeConfig::default() };
+        config.time =
+            TimeConfig { reuse, pictures: 1, rays_in_motion, samples_in_motion, ..TimeConfig::default() };
         config.trace.rays = rays;
         let mut renderer = renderer(&machine, &loaded, &config);
         let turns = [0.0, 0.0, 0.001, 0.031, 0.0315];
         turns.iter().map(|&yaw| renderer.frame(&plan(yaw), &[], 1).unwrap().rays).collect()
     };
-    let [all, half, eighth] = [32, 16, 4].map(|count| rays(count, false, 0.125));
+    let [all, half, eighth] = [32, 16, 4].map(|count| rays(count, false, (0.125, 1.0)));
     assert!(all.iter().zip(&half).all(|(all, half)| all > half));
-    let (reused, moving) = (rays(32, true, 1.0), rays(32, true, 0.125));
+    let (reused, moving) = (rays(32, true, (1.0, 0.5)), rays(32, true, (0.125, 1.0)));
     assert_eq!(reused, [all[0], half[1], half[2], all[3], half[4]], "of {all:?} and {half:?}");
     // Something new comes into sight by that turn, not much.
     let some = moving[3];
     assert_eq!(moving, [all[0], half[1], half[2], some, half[4]], "of {all:?} and {half:?}");
     assert!(some > eighth[3] && some < half[3], "{some} of {all:?} and {eighth:?}");
+    // Of what was seen before half is shaded.
+    let in_turn = rays(32, true, (0.125, 0.5));
+    assert_eq!(in_turn, [all[0], half[1], half[2], in_turn[3], half[4]], "of {all:?} and {half:?}");
+    assert!(in_turn[3] < some, "{} of {some}", in_turn[3]);
 }
 
 /// Frames of a view that turns are nearly what they are with all rays, for much less than all; after a cut all are sent.
