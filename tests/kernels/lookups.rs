@@ -158,7 +158,7 @@ fn the_cache_is_looked_up_as_by_double_precision() {
         let directions: Vec<[f32; 3]> =
             (0..rays).map(|_| on_sphere(&mut random).as_vec3().to_array()).collect();
         let places: Vec<u32> = (0..rays).map(|_| random.bits() as u32 % 6).collect();
-        let distances: Vec<f32> = (0..rays).map(|_| 0.01 * 400f32.powf(random.uniform() as f32)).collect();
+        let distances: Vec<f32> = (0..rays).map(|_| 0.002 * 2000f32.powf(random.uniform() as f32)).collect();
         let smooth: Vec<u32> =
             (0..streams).map(|_| (random.bits() & random.bits() & random.bits()) as u32).collect();
         let look = |cells: &mut Cells| {
