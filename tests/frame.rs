@@ -529,6 +529,41 @@ fn frames_send_fewer_rays_where_others_have_left_light() {
     assert!(in_turn[3] < some, "{} of {some}", in_turn[3]);
 }
 
+/// However many frames there were, those after a restart are as the first; light that the cache has would tell.
+#[test]
+fn frames_after_a_restart_are_as_the_first() {
+    let Some(machine) = machine() else { return };
+    let loaded = town(1.0);
+    let mut config = config(Method::Guided, Samples::Count(3000), 8);
+    config.trace.indirect = Indirect::Cache;
+    config.time = TimeConfig::default();
+    let turned = |yaw: f64| {
+        let mut eye = view(&loaded);
+        eye.world_from_eye.rotation *= DQuat::from_rotation_y(yaw);
+        Plan::mono(eye)
+    };
+    let shown = |before: u32, restarts: bool| -> Vec<Vec<u8>> {
+        let mut renderer = renderer(&machine, &loaded, &config);
+        for frame in 0..before {
+            renderer.frame(&turned(0.1), &[], 7 + frame).unwrap();
+        }
+        if restarts {
+            renderer.restart()
+        } else {
+            renderer.forget()
+        }
+        (0..3)
+            .map(|frame| {
+                renderer.frame(&turned(0.01 * f64::from(frame)), &[], frame).unwrap();
+                renderer.picture().unwrap()
+            })
+            .collect()
+    };
+    let first = shown(0, false);
+    assert!(shown(1, true) == first && shown(3, true) == first);
+    assert!(shown(3, false) != first, "the cache knows nothing that shows");
+}
+
 /// Frames of a view that turns are nearly what they are with all rays, for much less than all; after a cut all are sent.
 #[test]
 fn views_that_turn_live_on_light_of_earlier_frames() {

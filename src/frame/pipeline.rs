@@ -411,7 +411,7 @@ impl Renderer {
     /// The next frame is as the first one: nothing is known of frames before, nor of the light that they have brought.
     pub fn restart(&mut self) {
         self.forget();
-        (self.light, self.light_restarts) = (0, self.light_restarts + 1);
+        (self.frames, self.light, self.light_restarts) = (0, 0, self.light_restarts + 1);
     }
 
     /// Camera rays go through random points of their pixels from now on, or through their centres.
