@@ -212,6 +212,7 @@ fn measure(device: &Device, name: &'static str, scene: &Scene, rounds: usize) ->
             jitter: false,
             fewer_rays: None,
             turn: foveate::trace::Turn::ALL,
+            turn_in_motion: foveate::trace::Turn::ALL,
         };
         let bare = without.trace(&view, &settings);
         for (variant, times) in with.iter_mut().zip(&mut times) {
