@@ -88,7 +88,9 @@ fn traced(view: &View, packed: u32, frame: u32, index: usize) -> SampleRecord {
     let chance = |part: u32| hash(frame * 40_000 + index as u32 * 32 + part) as f32 / (1 << 24) as f32;
     // From the seventh frame on there is a quarter of the light.
     let light = if frame < 6 { 4.0 } else { 1.0 };
-    let value = |part: u32| light * (0.5 + chance(part));
+    // Some find much, as where light is seldom found.
+    let found = if chance(30) < 0.02 { 12.0 } else { 1.0 };
+    let value = |part: u32| light * found * (0.5 + chance(part));
     let first = if index % 37 == 5 { [f32::NAN; 3] } else { [value(0), value(1), value(2)] };
     let centre = u32::from(at[0] < 30);
     let sun = if chance(7) < 0.6 { 0 } else { 1 + (chance(3) * 126.0) as u32 };
@@ -306,7 +308,9 @@ fn frames_are_those_of_the_twin(light_changes: bool, turn: fn(u32) -> Turn, esti
                 let moves = twin.motion != Motion::Still;
                 // How much is kept of what moves falls with the square of how far light is off, and is as far off by rounding.
                 let rounded = if moves { 0.004 } else { 0.02 };
-                if aged[0] > rounded && (moves || ages[index].ages[0].min(histories[index][0].into()) < 2.5) {
+                if aged[0] > rounded
+                    && (moves || ages[index].ages[0].min(histories[index][0].into()) < 1.5 + of_own(index))
+                {
                     undecided += 1;
                     continue;
                 }
